@@ -1,0 +1,53 @@
+"""Kitasap2 in MuJoCo: the robot, its places, its sensors, and the truth about all of them.
+
+Nothing heavy is imported with the package: MuJoCo comes with `Simulation` and `Place`.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kitasap_sim.hand import Kidnap, Operator, kidnap
+    from kitasap_sim.laser import LASERS, LaserSpec
+    from kitasap_sim.places import Place, PlaceMap
+    from kitasap_sim.robot import KITASAP2, ODOMETRY_PRESETS, OdometryPreset
+    from kitasap_sim.simulation import SensorFrame, Simulation, Truth
+
+_HOMES = {
+    "Kidnap": "hand",
+    "Operator": "hand",
+    "kidnap": "hand",
+    "LASERS": "laser",
+    "LaserSpec": "laser",
+    "Place": "places",
+    "PlaceMap": "places",
+    "KITASAP2": "robot",
+    "ODOMETRY_PRESETS": "robot",
+    "OdometryPreset": "robot",
+    "SensorFrame": "simulation",
+    "Simulation": "simulation",
+    "Truth": "simulation",
+}
+
+__all__ = [
+    "KITASAP2",
+    "LASERS",
+    "ODOMETRY_PRESETS",
+    "Kidnap",
+    "LaserSpec",
+    "OdometryPreset",
+    "Operator",
+    "Place",
+    "PlaceMap",
+    "SensorFrame",
+    "Simulation",
+    "Truth",
+    "kidnap",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, each imported when it is first asked for."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'kitasap_sim' has no attribute '{name}'")
+    return getattr(import_module(f"kitasap_sim.{_HOMES[name]}"), name)

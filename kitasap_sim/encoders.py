@@ -1,0 +1,37 @@
+"""Wheel encoders: whole counts, never the true angle, and the dead reckoning a robot does on them.
+
+`slam.odometry` does the same for any robot's data; neither package may import the other.
+"""
+
+import math
+
+import numpy as np
+
+from kitasap_sim.robot import KITASAP2, RobotSpec
+
+
+def ticks(wheel_angles_rad: np.ndarray, ticks_per_turn: int) -> np.ndarray:
+    """(2,) whole counts of the encoders at wheel angles (2,) [rad]: an edge counts once passed."""
+    return np.floor(wheel_angles_rad * (ticks_per_turn / (2 * math.pi))).astype(np.int64)
+
+
+class DeadReckoning:
+    """The pose that the robot itself computes from its encoders and nominal geometry."""
+
+    def __init__(self, pose: np.ndarray, wheel_ticks: np.ndarray, robot: RobotSpec = KITASAP2):
+        """pose: (3,) x, y [m], heading [rad] at the time of the counts (2,)."""
+        self.pose = np.array(pose, dtype=float)
+        self._robot = robot
+        self._ticks = np.array(wheel_ticks)
+
+    def update(self, wheel_ticks: np.ndarray) -> np.ndarray:
+        """(3,) the pose after the wheels turned to new counts (2,), along an exact arc."""
+        turn_m = 2 * math.pi * self._robot.wheel_radius_m / self._robot.ticks_per_turn
+        left_m, right_m = (wheel_ticks - self._ticks) * turn_m
+        self._ticks = np.array(wheel_ticks)
+        turned, moved_m = (right_m - left_m) / self._robot.track_m, (left_m + right_m) / 2
+        # the chord of the arc: sin(a/2) / (a/2) of its length, along its middle heading
+        chord_m = moved_m * np.sinc(turned / (2 * math.pi))
+        middle = self.pose[2] + turned / 2
+        self.pose += [chord_m * math.cos(middle), chord_m * math.sin(middle), turned]
+        return self.pose

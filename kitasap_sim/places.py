@@ -1,0 +1,281 @@
+"""Places: MJCF worlds for the robot, their free space, and their true map at the laser's height."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.resources import files
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from kitasap_sim import names
+from kitasap_sim.free_space import Grid, flooded, largest_room, steps_to, way_down, widened
+from kitasap_sim.geometry import points_on, slice_at, static_triangles
+from kitasap_sim.robot import KITASAP2
+
+_FOLDER = files("models") / "places"
+_MAP_CELL_M = 0.005
+_FREE_CELL_M = 0.025
+_MAX_CELLS_ALONG = 3000
+"""A large place gets coarser cells rather than gigabytes of them."""
+_SWEPT_HEIGHTS_M = (0.01, 0.45)
+"""Between these the robot and whatever laser it carries may touch something."""
+_CUTS_PER_GEOM = 8
+
+
+def place_names() -> list[str]:
+    """The names of the places that come with the project."""
+    return sorted(Path(str(entry)).stem for entry in _FOLDER.iterdir() if entry.name[-4:] == ".xml")
+
+
+@dataclass(frozen=True)
+class PlaceMap:
+    """What a laser at one height can ever see of a place.
+
+    segments_m: (S, 2, 2) visible parts of the surfaces [m]; points_m(spacing) samples them.
+    """
+
+    height_m: float
+    segments_m: np.ndarray
+
+    def points_m(self, spacing_m: float) -> np.ndarray:
+        """(K, 2) points on the surfaces, at most spacing_m apart along each [m]."""
+        points, _ = points_on(self.segments_m, spacing_m)
+        _, first = np.unique(np.round(points / (spacing_m / 10)), axis=0, return_index=True)
+        return points[np.sort(first)]
+
+
+class Place:
+    """One MJCF world: a name out of `place_names()`, or the path of any MJCF file.
+
+    Expected of a file: static geoms, a floor at z = 0 or none (one is added), and, if it is to
+    say where the robot starts, a site `start` whose x axis is the robot's.
+    Raises ValueError, in one line, if there is no such place or it cannot be used.
+    """
+
+    def __init__(self, name_or_path: str | Path) -> None:
+        self.name = str(name_or_path)
+        self.path = _find(self.name)
+        self._spec = self._parsed()
+        self.model = self._compile(self._spec.copy())
+        try:
+            self._seen = static_triangles(self.model, seen_only=True)
+            self._solid = static_triangles(self.model, seen_only=False)
+        except ValueError as error:
+            raise ValueError(f"place {self.name}: {error}") from None
+        if not len(self._cut(self._solid, _cut_heights(self._solid))):
+            raise ValueError(
+                f"place {self.name} has nothing between {_SWEPT_HEIGHTS_M[0]} and "
+                f"{_SWEPT_HEIGHTS_M[1]} m above its floor: a laser would see nothing"
+            )
+
+    def mjcf(self) -> mujoco.MjSpec:
+        """The world as an editable specification of its own, the robot not in it."""
+        return self._spec.copy()
+
+    def _parsed(self) -> mujoco.MjSpec:
+        try:
+            return mujoco.MjSpec.from_file(str(self.path))
+        except ValueError as error:
+            raise ValueError(
+                f"place {self.name} is not a valid MJCF file: {_one_line(error)}"
+            ) from None
+
+    def _compile(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
+        try:
+            return spec.compile()
+        except ValueError as error:
+            raise ValueError(f"place {self.name} does not compile: {_one_line(error)}") from None
+
+    @cached_property
+    def bounds_m(self) -> np.ndarray:
+        """(2, 2) lower and upper corner of all that stands on the floor, and of the start [m]."""
+        ends = self._cut(self._solid, _cut_heights(self._solid)).reshape(-1, 2)
+        if self._start_site is not None:
+            ends = np.concatenate([ends, self._start_site[None, :2]])
+        return np.array([ends.min(axis=0), ends.max(axis=0)])
+
+    @cached_property
+    def start(self) -> np.ndarray:
+        """(3,) x, y [m] and heading [rad] of the site `start`, or of the roomiest spot."""
+        if self._start_site is not None:
+            return self._start_site
+        return np.array([*self._roomiest_spot(), 0.0])
+
+    @cached_property
+    def _start_site(self) -> np.ndarray | None:
+        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE.value, names.START)
+        if site < 0:
+            return None
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        (x, y, _), axes = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
+        return np.array([x, y, np.arctan2(axes[1, 0], axes[0, 0])])
+
+    @cached_property
+    def track_m(self) -> np.ndarray:
+        """(T, 2) corners of the place's scripted track: its sites `track_...` by name [m]."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_kinematics(self.model, data)
+        sites = [self.model.site(i).name for i in range(self.model.nsite)]
+        chosen = sorted(name for name in sites if name.startswith(names.TRACK_PREFIX))
+        corners = [data.site(name).xpos[:2] for name in chosen]
+        return np.array(corners).reshape(-1, 2)
+
+    @cached_property
+    def has_floor(self) -> bool:
+        """Whether something carries the robot at z = 0 where it starts."""
+        data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, data)
+        geom = np.zeros(1, dtype=np.int32)
+        above = np.array([*self.start[:2], 0.005])
+        down = np.array([0.0, 0.0, -1.0])
+        depth_m = mujoco.mj_ray(self.model, data, above, down, None, 1, -1, geom, None)
+        return bool(0 <= depth_m < 0.01)
+
+    def map_at(self, height_m: float) -> PlaceMap:
+        """The true map at a height: the surfaces that border on space reachable from the start.
+
+        The backs of walls and what lies inside other solids are left out: no beam gets there.
+        """
+        segments = self._cut(self._seen, np.array([height_m]))
+        if not len(segments):
+            raise ValueError(f"place {self.name} has nothing to see at {height_m} m height")
+        bounds_m = np.array([segments.min(axis=(0, 1)), segments.max(axis=(0, 1))])
+        grid = Grid.over(bounds_m, self._cell_m(bounds_m, _MAP_CELL_M), margin_m=0.05)
+        lit = flooded(~grid.walls(segments), grid.cells(self.free_centres_m[::50]))
+        points, owners = points_on(segments, grid.cell_m / 2)
+        # within 1.5 cm of a lit cell: beams see into crevices that are narrower than a cell
+        is_visible = widened(lit, 3.0)[tuple(grid.cells(points).T)]
+        return PlaceMap(height_m, _visible_runs(points, owners, is_visible))
+
+    @cached_property
+    def free_centres_m(self) -> np.ndarray:
+        """(K, 2) middles of the cells in which the robot may stand, whatever its heading [m].
+
+        All of them can be reached from the start by driving.
+        """
+        return self._grid.centres_m(np.argwhere(self._free))
+
+    def is_free(self, points_m: np.ndarray) -> np.ndarray:
+        """(K,) whether the robot may stand with its axle's middle at each point (K, 2) [m]."""
+        points_m = np.atleast_2d(points_m)
+        upper_m = self._grid.origin_m + np.array(self._grid.shape) * self._grid.cell_m
+        is_inside = ((points_m >= self._grid.origin_m) & (points_m < upper_m)).all(axis=1)
+        return is_inside & self._free[tuple(self._grid.cells(points_m).T)]
+
+    def is_way_free(self, start_m: np.ndarray, end_m: np.ndarray) -> bool:
+        """Whether the robot may move in a straight line between two points (2,) [m]."""
+        way = np.stack([start_m[:2], end_m[:2]])[None]
+        points, _ = points_on(way, self._grid.cell_m / 2)
+        return bool(self.is_free(points).all())
+
+    def way(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+        """(W, 2) corners of a way between two free points (2,), straight where it can be [m].
+
+        Raises ValueError if either point is not free.
+        """
+        for point_m in (start_m, end_m):
+            if not self.is_free(point_m)[0]:
+                raise ValueError(
+                    f"place {self.name}: something is in the robot's way at "
+                    f"({point_m[0]:.2f}, {point_m[1]:.2f})"
+                )
+        if self.is_way_free(start_m, end_m):
+            return np.array([start_m, end_m])
+        goal, here = self._grid.cells(np.array([end_m, start_m]))
+        cells = way_down(steps_to(self._free, goal[None]), here)
+        points = np.concatenate([[start_m], self._grid.centres_m(cells[1:-1]), [end_m]])
+        corners = [0]
+        while corners[-1] < len(points) - 1:
+            first = corners[-1]
+            # the farthest point in sight; the next one always is
+            later = range(len(points) - 1, first + 1, -1)
+            seen = (i for i in later if self.is_way_free(points[first], points[i]))
+            corners.append(next(seen, first + 1))
+        return points[corners]
+
+    def draw_free_pose(self, rng: np.random.Generator) -> np.ndarray:
+        """(3,) x, y [m] and heading [rad], uniform over the free space and all headings."""
+        centre = self.free_centres_m[rng.integers(len(self.free_centres_m))]
+        x, y = centre + rng.uniform(-0.5, 0.5, 2) * self._grid.cell_m
+        return np.array([x, y, rng.uniform(-np.pi, np.pi)])
+
+    @cached_property
+    def _grid(self) -> Grid:
+        return Grid.over(self.bounds_m, self._cell_m(self.bounds_m, _FREE_CELL_M), margin_m=0.1)
+
+    @cached_property
+    def _blocked(self) -> np.ndarray:
+        return self._grid.walls(self._cut(self._solid, _cut_heights(self._solid)))
+
+    @cached_property
+    def _free(self) -> np.ndarray:
+        """Mask over the grid: room for the upright cylinder around the robot, start's part."""
+        clearance_cells = KITASAP2.radius_m / self._grid.cell_m + 1.0
+        is_open = ~widened(self._blocked, clearance_cells)
+        free = flooded(is_open, self._grid.cells(self.start[None, :2]))
+        if not free.any():
+            x, y, _ = self.start
+            raise ValueError(
+                f"place {self.name}: its start ({x:.2f}, {y:.2f}) has less than "
+                f"{KITASAP2.radius_m} m of room around it"
+            )
+        return free
+
+    def _roomiest_spot(self) -> np.ndarray:
+        """(2,) the spot of the largest room that is farthest from its walls [m]."""
+        room = largest_room(~self._blocked)
+        while True:
+            smaller = room & ~widened(~room, 1.5)
+            if not smaller.any():
+                return self._grid.centres_m(np.argwhere(room))[0]
+            room = smaller
+
+    def _cut(self, solids: list[np.ndarray], heights_m: np.ndarray) -> np.ndarray:
+        """(S, 2, 2) segments of solids cut at heights: (H,) for all, or (G, H) for each its own."""
+        heights_m = np.broadcast_to(heights_m, (len(solids), heights_m.shape[-1]))
+        cuts = [
+            slice_at(triangles, height)
+            for triangles, heights in zip(solids, heights_m, strict=True)
+            for height in heights
+        ]
+        return np.concatenate([np.empty((0, 2, 2)), *cuts])
+
+    def _cell_m(self, bounds_m: np.ndarray, finest_m: float) -> float:
+        return max(finest_m, float((bounds_m[1] - bounds_m[0]).max()) / _MAX_CELLS_ALONG)
+
+
+def _find(name: str) -> Path:
+    if name in place_names():
+        return Path(str(_FOLDER / f"{name}.xml"))
+    path = Path(name)
+    if path.is_file():
+        return path
+    raise ValueError(f"no place called '{name}', nor a file; there are: {', '.join(place_names())}")
+
+
+def _cut_heights(solids: list[np.ndarray]) -> np.ndarray:
+    """(G, H) heights within the robot's reach at which to cut each solid: a thin board counts too.
+
+    Solids out of reach get heights below the floor's, where they meet nothing.
+    """
+    low, high = _SWEPT_HEIGHTS_M
+    bottoms = np.array([np.clip(t[:, :, 2].min(), low, high) for t in solids])
+    tops = np.array([np.clip(t[:, :, 2].max(), low, high) for t in solids])
+    share = np.linspace(0.02, 0.98, _CUTS_PER_GEOM)
+    heights = bottoms[:, None] + share * (tops - bottoms)[:, None]
+    heights[tops <= bottoms] = -np.inf
+    return heights
+
+
+def _visible_runs(points: np.ndarray, owners: np.ndarray, is_visible: np.ndarray) -> np.ndarray:
+    """(S, 2, 2) longest stretches of visible points on each segment."""
+    is_joined = is_visible[1:] & is_visible[:-1] & (owners[1:] == owners[:-1])
+    edges = np.diff(np.concatenate([[False], is_joined, [False]]).astype(int))
+    firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return np.stack([points[firsts], points[lasts]], axis=1)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

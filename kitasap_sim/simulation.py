@@ -1,0 +1,246 @@
+"""The robot in its place: commands in, what its sensors say out, and the truth apart from both."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from kitasap_sim import encoders, names
+from kitasap_sim.laser import LaserSpec, laser, measured_ranges
+from kitasap_sim.places import Place
+from kitasap_sim.robot import (
+    KITASAP2,
+    OdometryPreset,
+    add_bumps,
+    odometry_preset,
+    robot_mjcf,
+)
+
+_SETTLE_S = 0.5
+
+
+@dataclass(frozen=True)
+class SensorFrame:
+    """All that the robot gets to know at the end of one sweep of its laser.
+
+    time_s: when the sweep was complete; the encoders are read at this instant.
+    wheel_ticks: (2,) counts of the left and the right encoder since they were switched on.
+    ranges_m: (N,) by increasing angle; +inf no return, -inf too close, nan invalid (REP-117).
+    beam_times_s: (N,) when each beam was fired.
+    """
+
+    time_s: float
+    wheel_ticks: np.ndarray
+    ranges_m: np.ndarray
+    beam_times_s: np.ndarray
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The true state of the robot's frame, the middle of the drive axle; no estimator may see it.
+
+    pose: (3,) x, y [m] and heading [rad] in the world. height_m: of the axle above the floor.
+    speed_mps, turn_rate_radps: forward and about the vertical.
+    """
+
+    time_s: float
+    pose: np.ndarray
+    height_m: float
+    speed_mps: float
+    turn_rate_radps: float
+
+
+class Simulation:
+    """Kitasap2 in a place, stepped at 2 ms.
+
+    place: a name, a path, or a `Place`. laser, odometry: names of presets, or one's own;
+    laser None leaves the beams out. rng: all noise of the sensors and the floor's bumps.
+    Raises ValueError for an unknown name or a place that cannot be used.
+    """
+
+    def __init__(
+        self,
+        place: str | Path | Place = "room_fig4",
+        laser_spec: str | LaserSpec | None = "urg_04lx",
+        odometry: str | OdometryPreset = "as_built",
+        *,
+        rng: np.random.Generator,
+    ) -> None:
+        self.place = place if isinstance(place, Place) else Place(place)
+        self.laser = laser(laser_spec) if isinstance(laser_spec, str) else laser_spec
+        self.odometry = odometry_preset(odometry) if isinstance(odometry, str) else odometry
+        self._rng = rng
+        self.model = self._build().compile()
+        self.data = mujoco.MjData(self.model)
+        self._base = self.model.body(names.BASE).id
+        self._qpos = self.model.joint(names.BASE).qposadr[0]
+        self._qvel = self.model.joint(names.BASE).dofadr[0]
+        self._wheel_qpos = [self.model.joint(name).qposadr[0] for name in names.WHEELS]
+        self._actuators = [self.model.actuator(name).id for name in names.WHEELS]
+        self._find_beams()
+        self._rest = self._settled()
+        self.reset()
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the last reset [s]."""
+        return float(self.data.time)
+
+    @property
+    def timestep_s(self) -> float:
+        """One physics step [s]."""
+        return float(self.model.opt.timestep)
+
+    def reset(self, pose: np.ndarray | None = None) -> None:
+        """Puts the robot at rest at x, y [m], heading [rad] (default: the place's start), time 0.
+
+        The first frame comes after the first sweep; the encoders start at 0.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = self._rest
+        self._move_base(self.place.start if pose is None else np.asarray(pose, dtype=float))
+        self._sweep_end_s = math.inf if self.laser is None else float(self.laser.delays_s().max())
+
+    def drive(self, v_mps: float, w_radps: float) -> None:
+        """Commands a forward speed [m/s] and a turn rate [rad/s], as the robot believes them."""
+        self.drive_wheels(KITASAP2.wheel_speeds_radps(v_mps, w_radps))
+
+    def drive_wheels(self, speeds_radps: np.ndarray) -> None:
+        """Commands wheel speeds (2,), left and right [rad/s]; the motors' torque is limited."""
+        self.data.ctrl[self._actuators] = speeds_radps
+
+    def step(self) -> SensorFrame | None:
+        """One physics step; the frame of the sweep that this step completed, if it did."""
+        mujoco.mj_step(self.model, self.data)
+        return self._frame_if_due()
+
+    def frames(self, duration_s: float = math.inf) -> Iterator[SensorFrame]:
+        """Steps on for a while and yields each frame as it comes; commands may change between."""
+        end_s = self.time_s + duration_s
+        while (left_s := end_s - self.time_s) > self.timestep_s / 2:
+            # sensors are computed at the start of a step: the beam at t is there one step later
+            until_s = min(left_s, self._sweep_end_s - self.time_s + self.timestep_s, 0.1)
+            count = max(1, round(until_s / self.timestep_s))
+            mujoco.mj_step(self.model, self.data, nstep=count)
+            frame = self._frame_if_due()
+            if frame is not None:
+                yield frame
+
+    def run(self, duration_s: float) -> list[SensorFrame]:
+        """Steps on for a while under the present command; the frames that came."""
+        return list(self.frames(duration_s))
+
+    def next_frame(self) -> SensorFrame:
+        """Steps on until a sweep is complete. Raises ValueError if the robot carries no laser."""
+        if self.laser is None:
+            raise ValueError("this simulation was built without a laser: there are no frames")
+        return next(self.frames())
+
+    def wheel_ticks(self) -> np.ndarray:
+        """(2,) what the left and the right encoder read now."""
+        return encoders.ticks(self.data.qpos[self._wheel_qpos], KITASAP2.ticks_per_turn)
+
+    def truth(self) -> Truth:
+        """The exact state now; for metrics and pictures only."""
+        x, y, z, *quaternion = self.data.qpos[self._qpos : self._qpos + 7]
+        heading = _heading(np.array(quaternion))
+        vx, vy = self.data.qvel[self._qvel : self._qvel + 2]
+        return Truth(
+            time_s=self.time_s,
+            pose=np.array([x, y, heading]),
+            height_m=float(z),
+            speed_mps=float(vx * math.cos(heading) + vy * math.sin(heading)),
+            turn_rate_radps=float(self.data.qvel[self._qvel + 5]),
+        )
+
+    def true_ranges_m(self) -> np.ndarray:
+        """(N,) exact ranges of all beams at this very instant, by mj_multiRay; +inf no hit [m].
+
+        The fast way to a scan of a robot at rest; the fan's own beams are fired one by one.
+        """
+        mujoco.mj_kinematics(self.model, self.data)
+        origin = self.data.site(names.LASER).xpos.copy()
+        directions = self.data.site_xmat[self._beam_sites].reshape(-1, 3, 3)[:, :, 2]
+        count = len(self._beam_sites)
+        hit, ranges_m = np.zeros(count, dtype=np.int32), np.zeros(count)
+        mujoco.mj_multiRay(
+            self.model, self.data, origin, directions.ravel(), None, 1, self._base,
+            hit, ranges_m, None, count, mujoco.mjMAXVAL,
+        )  # fmt: skip
+        return np.where(ranges_m < 0, np.inf, ranges_m)
+
+    def fan_ranges_m(self) -> np.ndarray:
+        """(N,) the latest exact range of each beam of the fan; +inf no hit [m]."""
+        ranges_m = self.data.sensordata[self._beam_data]
+        return np.where(ranges_m < 0, np.inf, ranges_m)
+
+    def _build(self) -> mujoco.MjSpec:
+        """The place with a floor, the robot as built and the floor's bumps in it."""
+        world = self.place.mjcf()
+        if not self.place.has_floor:
+            world.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+        if self.odometry.bumps_per_m2 > 0:
+            add_bumps(world, self.odometry, self.place.bounds_m, self._rng)
+        robot = robot_mjcf(self.laser, self.odometry)
+        for option in ("timestep", "integrator", "cone", "impratio", "jacobian"):
+            setattr(world.option, option, getattr(robot.option, option))
+        world.attach(robot, prefix=names.PREFIX, frame=world.worldbody.add_frame())
+        return world
+
+    def _find_beams(self) -> None:
+        """Where the fan lies in MuJoCo's arrays."""
+        count = 0 if self.laser is None else self.laser.beam_count
+        beams = [names.PREFIX + names.beam(i) for i in range(count)]
+        self._beam_sites = np.array([self.model.site(name).id for name in beams], dtype=int)
+        sensors = np.array([self.model.sensor(name).id for name in beams], dtype=int)
+        self._beam_data = self.model.sensor_adr[sensors]
+        # a sensor's history with one sample is [user, cursor, time, value]
+        self._beam_clock = self.model.sensor_historyadr[sensors] + 2
+
+    def _settled(self) -> np.ndarray:
+        """(nq,) the robot at rest on its tires at the start: they sink in by some micrometres."""
+        mujoco.mj_resetData(self.model, self.data)
+        self._move_base(self.place.start)
+        mujoco.mj_step(self.model, self.data, nstep=round(_SETTLE_S / self.timestep_s))
+        rest = self.data.qpos.copy()
+        rest[self._wheel_qpos] = 0.0
+        return rest
+
+    def _move_base(self, pose: np.ndarray) -> None:
+        """Sets x, y and heading, and keeps height and tilt."""
+        x, y, heading = pose
+        base = self.data.qpos[self._qpos : self._qpos + 7]
+        base[3:] = turned_to(base[3:], heading)
+        base[:2] = x, y
+
+    def _frame_if_due(self) -> SensorFrame | None:
+        """The frame, if the step just made had all beams of a sweep behind it."""
+        # the sensors' own clock is the start of the last step
+        if self.laser is None or self.time_s - self.timestep_s < self._sweep_end_s - 1e-9:
+            return None
+        fired_s = self.data.history[self._beam_clock]
+        frame = SensorFrame(
+            time_s=self.time_s,
+            wheel_ticks=self.wheel_ticks(),
+            ranges_m=measured_ranges(self.laser, self.fan_ranges_m(), self._rng),
+            beam_times_s=fired_s,
+        )
+        self._sweep_end_s += self.laser.period_s
+        return frame
+
+
+def turned_to(quaternion: np.ndarray, heading: float) -> np.ndarray:
+    """(4,) the orientation w, x, y, z turned about the vertical until it heads there; tilt kept."""
+    half = (heading - _heading(quaternion)) / 2
+    turned = np.zeros(4)
+    mujoco.mju_mulQuat(turned, np.array([math.cos(half), 0, 0, math.sin(half)]), quaternion)
+    return turned
+
+
+def _heading(quaternion: np.ndarray) -> float:
+    """Direction of the x axis seen from above [rad]."""
+    w, x, y, z = quaternion
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

@@ -1,0 +1,1 @@
+"""The MJCF models: the robot (`kitasap2/`) and the places it lives in (`places/`)."""

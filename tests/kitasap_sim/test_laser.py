@@ -1,0 +1,111 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from kitasap_sim import LASERS, LaserSpec
+from kitasap_sim.laser import laser, measured_ranges
+
+DATA_SHEETS = {  # beams, field of view from first to last beam [deg], period [s], farthest [m]
+    "urg_04lx": (682, 239.414, 0.1, 5.6),
+    "utm_30lx": (1081, 270, 0.025, 30),
+    "ust_10lx": (1081, 270, 0.025, 10),
+    "lms200": (361, 180, 2 / 75, 8.191),
+    "lms1xx": (541, 270, 0.02, 20),
+    "tim571": (811, 270, 1 / 15, 25),
+    "rplidar_a1": (360, 359, 1 / 5.5, 12),
+    "rplidar_a2": (400, 359.1, 0.1, 12),
+    "ld06": (450, 359.2, 0.1, 12),
+}
+
+
+def measured(spec, range_m, count=20_000, seed=0):
+    spec = replace(spec, beam_count=count, step_rad=1e-5)
+    return measured_ranges(spec, np.full(count, range_m), np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("name", LASERS)
+def test_presets_have_their_data_sheets_numbers(name):
+    spec, (beams, view_deg, period_s, farthest_m) = laser(name), DATA_SHEETS[name]
+    angles_deg = np.degrees(spec.angles_rad)
+    assert len(angles_deg) == beams
+    assert angles_deg[-1] - angles_deg[0] == pytest.approx(view_deg, abs=1e-3)
+    assert (np.diff(angles_deg) > 0).all()
+    assert spec.period_s == pytest.approx(period_s)
+    assert spec.range_max_m == farthest_m
+    assert 0 <= spec.delays_s().min() < spec.delays_s().max() < spec.period_s
+
+
+def test_the_urgs_first_beam_is_step_44_of_1024_with_384_ahead():
+    spec = laser("urg_04lx")
+    assert np.degrees(spec.angles_rad[[0, -1]]) == pytest.approx([-119.531, 119.883], abs=1e-3)
+    assert spec.delays_s()[[0, -1]] == pytest.approx([0.1 * 44 / 1024, 0.1 * 725 / 1024])
+
+
+def test_clockwise_lasers_fire_the_last_angle_first():
+    delays_s = laser("rplidar_a2").delays_s()
+    assert delays_s.argmin() == 399
+    assert (np.diff(delays_s) < 0).all()
+
+
+def test_the_lms200_takes_half_degrees_from_a_second_turn_of_its_mirror():
+    delays_s = laser("lms200").delays_s()
+    assert delays_s[1] - delays_s[0] == pytest.approx(1 / 75 + 0.5 / 360 / 75)
+
+
+@pytest.mark.parametrize(("range_m", "sigma_m"), [(0.5, 0.010), (2.0, 0.020), (4.0, 0.040)])
+def test_the_urgs_noise_grows_with_range_as_its_data_sheet_says(range_m, sigma_m):
+    ranges_m = measured(replace(laser("urg_04lx"), dropout_rate=0.0), range_m)
+    # 20,000 draws: the standard deviation is known to 0.5 %, four of which are allowed
+    assert ranges_m.std() == pytest.approx(sigma_m, rel=0.02)
+    assert ranges_m.mean() == pytest.approx(range_m, abs=5 * sigma_m / math.sqrt(20_000))
+
+
+def test_ranges_are_quantised():
+    ranges_m = measured(replace(laser("urg_04lx"), dropout_rate=0.0), 1.0, 1000)
+    assert np.abs(ranges_m * 1000 - np.round(ranges_m * 1000)).max() < 1e-9
+
+
+def test_no_return_too_close_and_invalid_follow_rep_117():
+    spec = replace(laser("utm_30lx"), sigma_at_m=(), dropout_rate=0.0)
+    assert (measured(spec, math.inf, 10) == math.inf).all()
+    assert (measured(spec, 30.5, 10) == math.inf).all()
+    assert (measured(spec, 0.05, 10) == -math.inf).all()
+    dropped = np.isnan(measured(replace(spec, dropout_rate=0.01), 1.0))
+    assert dropped.mean() == pytest.approx(0.01, rel=0.3)
+
+
+def test_mixed_pixels_lie_between_the_two_surfaces_of_an_edge():
+    spec = replace(laser("ust_10lx"), sigma_at_m=(), resolution_m=0.0, dropout_rate=0.0)
+    true_m = np.tile([1.0] * 10 + [3.0] * 10, 54)
+    ranges_m = measured_ranges(replace(spec, beam_count=1080), true_m, np.random.default_rng(0))
+    mixed = (ranges_m > 1.0 + 1e-9) & (ranges_m < 3.0 - 1e-9)
+    assert mixed.sum() == pytest.approx(0.3 * 107, rel=0.35)
+    assert set(np.flatnonzero(mixed) % 10) == {9}  # only the last beam before an edge
+
+
+def test_every_imperfection_can_be_switched_off():
+    true_m = np.linspace(0.001, 100.0, 681)
+    true_m = np.append(true_m, math.inf)
+    ranges_m = measured_ranges(laser("urg_04lx").without_errors(), true_m, np.random.default_rng(0))
+    assert np.array_equal(ranges_m, true_m)
+
+
+def test_a_switch_does_not_move_the_other_random_numbers():
+    spec, rng = laser("urg_04lx"), np.random.default_rng
+    true_m = np.full(682, 2.0)
+    with_drops = measured_ranges(spec, true_m, rng(5))
+    without = measured_ranges(replace(spec, dropout_rate=0.0), true_m, rng(5))
+    is_left = ~np.isnan(with_drops)
+    assert is_left.sum() < 682
+    assert np.array_equal(with_drops[is_left], without[is_left])
+
+
+def test_an_impossible_laser_is_refused():
+    with pytest.raises(ValueError, match="more than a full turn"):
+        LaserSpec("mine", 400, 0.0, math.radians(1), 0.1)
+    with pytest.raises(ValueError, match="must be positive"):
+        LaserSpec("mine", 0, 0.0, math.radians(1), 0.1)
+    with pytest.raises(ValueError, match="after the period"):
+        LaserSpec("mine", 360, 0.0, math.radians(1), 0.1, first_beam_s=0.05)
