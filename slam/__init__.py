@@ -1,0 +1,1 @@
+"""2D lidar localisation and mapping: NumPy in, NumPy out, no simulator, no ROS."""

@@ -1,0 +1,38 @@
+"""Checks of arrays at the border of the library, made once when a type is created."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
+    """A read-only float64 copy of the values; None in `shape` stands for any length.
+
+    Raises ValueError when the shape is another one.
+    """
+    array = np.array(values, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(
+        expected is None or expected == found
+        for expected, found in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        expected_text = ", ".join("N" if size is None else str(size) for size in shape)
+        raise ValueError(f"{name} must have shape ({expected_text}), not {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def checked_points(points: ArrayLike, name: str) -> FloatArray:
+    """The points as float64 (N, 2), not copied when they are so already.
+
+    Raises ValueError when they are not (N, 2) or not all finite.
+    """
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"{name} must have shape (N, 2), not {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite; use LaserScan.points, which drops no-returns")
+    return array

@@ -1,0 +1,1 @@
+"""Readers of recorded logs: each turns a file into `slam.measurements.Measurement`s."""

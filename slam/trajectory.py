@@ -1,0 +1,111 @@
+"""Trajectories, and the TUM text format that evo and others read."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slam.arrays import FloatArray, frozen_array
+from slam.se2 import wrap_angle
+
+_TUM_HEADER = "# time_s x y z qx qy qz qw"
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Poses over time: times_s (N,), poses (N, 3) of x [m], y [m], theta [rad] in (-pi, pi].
+
+    Raises ValueError on other shapes or values that are not finite.
+    """
+
+    times_s: FloatArray
+    poses: FloatArray
+
+    def __post_init__(self) -> None:
+        times_s = frozen_array(self.times_s, (None,), "times_s")
+        poses = np.array(self.poses, dtype=np.float64)
+        if poses.ndim == 2 and poses.shape[1] == 3:
+            poses[:, 2] = wrap_angle(poses[:, 2])
+        poses = frozen_array(poses, (len(times_s), 3), "poses")
+        if not (np.isfinite(times_s).all() and np.isfinite(poses).all()):
+            raise ValueError("times_s and poses must be finite")
+        object.__setattr__(self, "times_s", times_s)
+        object.__setattr__(self, "poses", poses)
+
+    def __len__(self) -> int:
+        return len(self.times_s)
+
+    def at(self, times_s: ArrayLike) -> FloatArray:
+        """Poses (M, 3) at the times (M,), straight between neighbours, heading the short way.
+
+        Raises ValueError when times of the trajectory do not increase, or one asked for lies
+        outside.
+        """
+        asked_s = np.asarray(times_s, dtype=np.float64)
+        if len(self) == 0 or not (np.diff(self.times_s) > 0.0).all():
+            raise ValueError("only a trajectory whose times increase can be interpolated")
+        if ((asked_s < self.times_s[0]) | (asked_s > self.times_s[-1])).any():
+            raise ValueError(
+                f"times must lie within {self.times_s[0]:.3f} and {self.times_s[-1]:.3f} s"
+            )
+        unwrapped = np.column_stack([self.poses[:, :2], np.unwrap(self.poses[:, 2])])
+        columns = [np.interp(asked_s, self.times_s, column) for column in unwrapped.T]
+        poses = np.column_stack(columns)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        return poses
+
+
+def write_tum(path: str | Path, trajectory: Trajectory) -> None:
+    """Writes `time_s x y z qx qy qz qw` lines, nine decimals. The file appears whole or not at all.
+
+    Raises OSError when the folder cannot be written.
+    """
+    path = Path(path)
+    lines = [_TUM_HEADER]
+    for time_s, (x, y, theta) in zip(trajectory.times_s, trajectory.poses, strict=True):
+        quaternion_z, quaternion_w = math.sin(theta / 2.0), math.cos(theta / 2.0)
+        values = (time_s, x, y, 0.0, 0.0, 0.0, quaternion_z, quaternion_w)
+        lines.append(" ".join(f"{value:.9f}" for value in values))
+    # Beside the target, since a rename is atomic within one file system only.
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
+    unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    unfinished.replace(path)
+
+
+def read_tum(path: str | Path) -> Trajectory:
+    """The trajectory of a TUM file; what leaves the plane (z, roll, pitch) is dropped.
+
+    Raises ValueError that names the line, OSError when the file cannot be opened.
+    """
+    path = Path(path)
+    rows = []
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path.name}: binary, not a TUM trajectory") from error
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.split("#", maxsplit=1)[0].split()
+        if fields:
+            rows.append(_tum_row(fields, f"{path.name} line {number}"))
+    return Trajectory(
+        np.array([row[0] for row in rows]), np.array([row[1:] for row in rows]).reshape(-1, 3)
+    )
+
+
+def _tum_row(fields: list[str], place: str) -> tuple[float, float, float, float]:
+    if len(fields) != 8:
+        raise ValueError(f"{place}: expected 8 numbers, found {len(fields)}")
+    try:
+        values = [float(field) for field in fields]
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from error
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"{place}: a number is not finite")
+    time_s, x, y, _, qx, qy, qz, qw = values
+    yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
+    return time_s, x, y, yaw

@@ -1,0 +1,222 @@
+"""CARMEN logs and their traps."""
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slam.readers.carmen import CarmenConfig, read_carmen
+from slam.se2 import SE2
+from tests.slam.logs import shared_log
+
+EXCERPT = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
+
+
+def odom(x: float, y: float, theta: float, time_s: float) -> str:
+    """An ODOM line."""
+    return f"ODOM {x} {y} {theta} 0 0 0 {time_s} nohost {time_s + 0.5}"
+
+
+def flaser(ranges: list[float], pose: SE2, time_s: float, mounting: SE2 | None = None) -> str:
+    """A FLASER line; the logger's stamp differs from the sensor's."""
+    sensor = pose @ (mounting or SE2.identity())
+    numbers = " ".join(map(str, ranges))
+    poses = f"{sensor.x} {sensor.y} {sensor.theta} {pose.x} {pose.y} {pose.theta}"
+    return f"FLASER {len(ranges)} {numbers} {poses} {time_s} nohost {time_s + 0.5}"
+
+
+def written(tmp_path: Path, *lines: str) -> Path:
+    """A plain log of these lines."""
+    path = tmp_path / "a.clf"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+RANGES = [1.0] * 180
+
+
+@pytest.mark.parametrize(
+    ("count", "last_deg", "step_deg"), [(180, 89.0, 1.0), (360, 89.5, 0.5), (361, 90.0, 0.5)]
+)
+def test_beams_start_at_the_right_and_end_where_their_number_says(
+    tmp_path, count, last_deg, step_deg
+):
+    path = written(tmp_path, flaser([1.0] * count, SE2.identity(), 1.0))
+    angles_deg = np.degrees(next(read_carmen(path).measurements()).scan.angles_rad)
+    assert angles_deg[0] == pytest.approx(-90.0)
+    assert angles_deg[-1] == pytest.approx(last_deg)
+    np.testing.assert_allclose(np.diff(angles_deg), step_deg, atol=1e-9)
+
+
+def test_unusual_number_of_beams_needs_its_step(tmp_path):
+    path = written(tmp_path, flaser([1.0] * 7, SE2.identity(), 1.0))
+    with pytest.raises(ValueError, match=r"^a.clf line 1: the step between 7 beams is not known"):
+        read_carmen(path)
+    config = CarmenConfig(first_beam_rad=-0.3, step_rad=0.1)
+    scan = next(read_carmen(path, config).measurements()).scan
+    assert scan.angles_rad[-1] == pytest.approx(0.3)
+
+
+def test_no_return_values_are_infinite_and_negative_ones_invalid(tmp_path):
+    ranges = [81.83, 81.91, 50.0, 49.99, 26.0, -1.0, 0.0] + [1.0] * 173
+    path = written(tmp_path, flaser(ranges, SE2.identity(), 1.0))
+    found = next(read_carmen(path).measurements()).scan.ranges_m[:7]
+    np.testing.assert_equal(found, [np.inf, np.inf, np.inf, 49.99, 26.0, np.nan, 0.0])
+
+
+def test_mounting_is_the_sensor_seen_from_the_odometry(tmp_path):
+    mounting = SE2(-0.04, 0.0, 0.0)
+    lines = [
+        flaser(RANGES, SE2(1.0, 2.0, 1.5), 1.0, mounting),
+        flaser(RANGES, SE2(3.0, 2.0, -2.0), 2.0, mounting),
+    ]
+    found = read_carmen(written(tmp_path, *lines)).T_base_laser
+    np.testing.assert_allclose(found.as_array(), [-0.04, 0.0, 0.0], atol=1e-6)
+
+
+def test_sensor_that_moves_on_the_robot_needs_its_mounting(tmp_path):
+    lines = [
+        flaser(RANGES, SE2.identity(), 1.0, SE2(0.1, 0.0, 0.0)),
+        flaser(RANGES, SE2.identity(), 2.0, SE2(0.2, 0.0, 0.0)),
+    ]
+    path = written(tmp_path, *lines)
+    with pytest.raises(ValueError, match="give T_base_laser"):
+        read_carmen(path)
+    assert read_carmen(path, CarmenConfig(T_base_laser=SE2(0.1, 0, 0))).T_base_laser.x == 0.1
+
+
+def test_motion_goes_over_all_odometry_since_the_last_scan(tmp_path):
+    # out and back between the scans: the ends alone would show no way, the covariance must
+    path = written(
+        tmp_path,
+        flaser(RANGES, SE2.identity(), 1.0),
+        odom(2.0, 0.0, 0.0, 1.2),
+        odom(0.5, 0.0, 0.1, 1.4),
+        flaser(RANGES, SE2(0.5, 0.0, 0.1), 1.4),
+    )
+    first, second = read_carmen(path).measurements()
+    assert first.motion == SE2.identity()
+    np.testing.assert_allclose(second.motion.as_array(), [0.5, 0.0, 0.1], atol=1e-12)
+    # 3.5 m at 5 cm per root metre
+    assert second.motion_covariance[0, 0] > 0.05**2 * 3.4
+
+
+def test_order_of_the_lines_stands_where_the_stamps_go_back(tmp_path):
+    path = written(
+        tmp_path,
+        flaser(RANGES, SE2(0.0, 0.0, 0.0), 10.0),
+        flaser(RANGES, SE2(1.0, 0.0, 0.0), 9.0),
+        flaser(RANGES, SE2(2.0, 0.0, 0.0), 11.0),
+    )
+    measurements = list(read_carmen(path).measurements())
+    assert [m.time_s for m in measurements] == [10.0, 9.0, 11.0]
+    assert [m.motion.x for m in measurements] == [0.0, 1.0, 1.0]
+
+
+def test_stamp_is_the_sensors_and_not_the_loggers(tmp_path):
+    path = written(tmp_path, flaser(RANGES, SE2.identity(), 976052857.25))
+    assert next(read_carmen(path).measurements()).time_s == 976052857.25
+
+
+def test_comments_parameters_blank_and_foreign_lines_are_passed_over(tmp_path):
+    path = written(
+        tmp_path,
+        "# FLASER 3 1 2 3",
+        "",
+        "PARAM robot_frontlaser_offset 0.0 nohost 0",
+        "NEFF 3 4",
+        flaser(RANGES, SE2.identity(), 1.0),
+    )
+    assert read_carmen(path).scan_count == 1
+
+
+def test_gzip_is_told_from_the_content_and_not_from_the_name(tmp_path):
+    text = flaser(RANGES, SE2.identity(), 1.0).encode()
+    (tmp_path / "a.clf").write_bytes(gzip.compress(text))
+    (tmp_path / "b.gz").write_bytes(text)
+    assert read_carmen(tmp_path / "a.clf").scan_count == 1
+    assert read_carmen(tmp_path / "b.gz").scan_count == 1
+
+
+GOOD = flaser(RANGES, SE2.identity(), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("last_line", "message"),
+    [
+        (GOOD.replace("180 1.0", "180"), "FLASER announces 180 ranges, found 179"),
+        (GOOD[:200], r"FLASER announces 180 ranges, found \d+"),
+        ("FLASER", "FLASER announces no number of ranges, found 0"),
+        ("FLASER 1.", r"FLASER announces 1\. ranges, found 0"),
+        ("ODOM 1.0 2.0 0.", "ODOM has 10 fields, found 4"),
+        (GOOD.replace("180 1.0", "180 1.0x"), "could not convert string to float: '1.0x'"),
+        (odom(math.nan, 0.0, 0.0, 1.0), "a pose or a stamp is not finite"),
+    ],
+)
+def test_broken_line_is_named_in_one_line(tmp_path, last_line, message):
+    path = written(tmp_path, "# comment", GOOD, last_line)
+    with pytest.raises(ValueError, match=rf"^a.clf line 3: {message}$"):
+        read_carmen(path)
+
+
+def test_log_without_a_scan_is_refused(tmp_path):
+    for lines in ([odom(0, 0, 0, 1)], [""], ["just some text"]):
+        with pytest.raises(ValueError, match=r"^a.clf: no FLASER line, so no scan to work with$"):
+            read_carmen(written(tmp_path, *lines))
+
+
+def test_cut_gzip_is_refused(tmp_path):
+    whole = EXCERPT.read_bytes()
+    for cut in (whole[: len(whole) // 2], whole[:-4], whole[:3]):
+        (tmp_path / "a.gz").write_bytes(cut)
+        with pytest.raises(
+            ValueError, match=r"^a.gz: the gzip file is cut or damaged.*$"
+        ) as caught:
+            read_carmen(tmp_path / "a.gz")
+        assert "\n" not in str(caught.value)
+
+
+def test_damaged_gzip_is_refused(tmp_path):
+    damaged = bytearray(EXCERPT.read_bytes())
+    damaged[len(damaged) // 2] ^= 0xFF
+    (tmp_path / "a.gz").write_bytes(damaged)
+    # the damage shows as a bad block, a bad checksum or a line that is no longer one
+    with pytest.raises(ValueError, match=r"^a.gz[^\n]*$"):
+        read_carmen(tmp_path / "a.gz")
+
+
+@pytest.mark.parametrize("content", [bytes(range(256)) * 20, b"\xff\xfe\xfd\n" * 10])
+def test_binary_file_is_refused(tmp_path, content):
+    (tmp_path / "a.bin").write_bytes(content)
+    with pytest.raises(ValueError, match=r"^a.bin line 1: binary, not a CARMEN log$"):
+        read_carmen(tmp_path / "a.bin")
+
+
+def test_missing_file_is_an_os_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        read_carmen(tmp_path / "none.clf")
+
+
+def test_excerpt_of_fr101_is_read_whole():
+    log = read_carmen(EXCERPT)
+    assert (log.scan_count, len(log.records)) == (20, 290)
+    assert log.T_base_laser.x == pytest.approx(-0.04, abs=1e-6)
+    assert all(len(m.scan.ranges_m) == 360 for m in log.measurements())
+
+
+@pytest.mark.parametrize(
+    ("name", "scans", "odometry", "beams"),
+    [
+        ("fr101", 292, 4277, 360),
+        ("aces", 440, 7374, 180),
+        ("mit-csail", 1988, 1988, 361),
+        pytest.param("intel", 5437, 13631, 180, marks=pytest.mark.slow),
+    ],
+)
+def test_whole_log_has_the_records_it_is_known_to_have(name, scans, odometry, beams):
+    log = read_carmen(shared_log(f"{name}.clf.gz"))
+    assert (log.scan_count, len(log.records) - log.scan_count) == (scans, odometry)
+    assert len(next(log.measurements()).scan.ranges_m) == beams
+    assert max(m.scan.ranges_m[m.scan.is_hit].max() for m in log.measurements()) < 50.0
