@@ -1,0 +1,206 @@
+"""The command `kitasap`. Heavy imports wait within the commands: `--help` answers at once."""
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import click
+import typer
+
+if TYPE_CHECKING:
+    from experiments.runs import Run
+    from experiments.trials import TrialConfig
+
+app = typer.Typer(
+    name="kitasap",
+    help="Kitasap2 drives, is lifted, and finds itself: the testbed and its experiments.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+bench_app = typer.Typer(help="Measures the testbed itself.", no_args_is_help=True)
+app.add_typer(bench_app, name="bench")
+
+Poses = Annotated[str, typer.Option(help="paper: one pair of poses; random: anywhere free.")]
+PlaceName = Annotated[str, typer.Option(help="A place by name, or the path of an MJCF file.")]
+Laser = Annotated[str, typer.Option(help="The laser range sensor carried.")]
+Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
+Methods = Annotated[str | None, typer.Option("--method", help="Some of all methods, by commas.")]
+Seed = Annotated[int, typer.Option(min=0, help="Master seed of all random numbers.")]
+Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder per experiment.")]
+Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]
+Trials = Annotated[int, typer.Option(min=1, help="How many.")]
+
+RESULTS = Path("results")
+
+
+@app.command()
+def run(
+    experiments: Annotated[list[str], typer.Argument(help="localization, kidnap.")],
+    trials: Trials = 100,
+    seed: Seed = 0,
+    jobs: Jobs = None,
+    out: Out = RESULTS,
+    poses: Poses = "paper",
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    odometry: Odometry = "as_built",
+    method: Methods = None,
+) -> None:
+    """Runs the paper's experiments; the same command again goes on where it stopped."""
+    from experiments.runs import Run, experiment_module
+
+    config = _config(poses, place, laser, odometry, method)
+    for name in experiments:
+        experiment_module(name).checked(config)
+    has_raised = False
+    for name in experiments:
+        summary = _executed(Run(name, config, seed, trials, out / name), jobs)
+        has_raised |= any(result["raised"] for result in summary["methods"].values())
+    raise typer.Exit(1 if has_raised else 0)
+
+
+@app.command()
+def trial(
+    experiment: Annotated[str, typer.Argument(help="localization or kidnap.")],
+    index: Annotated[int, typer.Option(min=0, help="Number of the trial within its run.")] = 0,
+    seed: Seed = 0,
+    out: Out = RESULTS,
+    poses: Poses = "paper",
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    odometry: Odometry = "as_built",
+    method: Methods = None,
+) -> None:
+    """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
+    from experiments.figures import trial_picture
+    from experiments.runs import experiment_module
+    from experiments.trials import config_hash, generator
+
+    module = experiment_module(experiment)
+    config = module.checked(_config(poses, place, laser, odometry, method))
+    key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
+    result = module.run_trial(config, generator(experiment, seed, index))
+    print(json.dumps(key | {"index": index} | result.record()))
+    folder = out / experiment
+    folder.mkdir(parents=True, exist_ok=True)
+    print(f"picture: {trial_picture(folder, config, result, index)}", file=sys.stderr)
+
+
+@app.command()
+def picture(
+    place: Annotated[str, typer.Argument(help="A place by name, or an MJCF file.")] = "room_fig4",
+    out: Annotated[Path, typer.Option(help="The PNG file to write.")] = Path("picture.png"),
+    laser: Laser = "urg_04lx",
+) -> None:
+    """Draws the robot in a place, with the beams of its laser."""
+    import matplotlib.image
+    import numpy as np
+
+    from kitasap_sim.rendering import render
+    from kitasap_sim.simulation import Simulation
+
+    simulation = Simulation(place, laser, rng=np.random.default_rng(0))
+    pixels = render(simulation, beams_m=simulation.next_frame().ranges_m)
+    matplotlib.image.imsave(out, pixels)
+    print(out)
+
+
+@bench_app.command("sim")
+def bench_sim(place: PlaceName = "room_fig4", laser: Laser = "urg_04lx") -> None:
+    """The simulation's speed as a ratio to bare MuJoCo, and how true its robot drives."""
+    from experiments import bench
+
+    bench.simulation(place, laser)
+
+
+@app.command("real-log")
+def real_log(
+    log: Annotated[Path, typer.Argument(help="A CARMEN log, gz or plain.")],
+    reference: Annotated[Path, typer.Option(help="Reference poses of its scans, TUM format.")],
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "real-log",
+) -> None:
+    """Maps a recorded log from the reference poses of its even scans, localises the odd ones."""
+    from experiments import real_logs
+    from experiments.figures import real_log_picture
+
+    result = real_logs.run(log, reference)
+    real_logs.write_results(result, out)
+    real_log_picture(out, result)
+    summary = result.summary()
+    print(real_logs.table(summary))
+    print(f"results and figures: {out}")
+    raise typer.Exit(0 if summary["tracked"] == summary["scans"] else 1)
+
+
+def _config(poses: str, place: str, laser: str, odometry: str, method: str | None) -> "TrialConfig":
+    from experiments.methods import METHODS
+    from experiments.trials import TrialConfig
+
+    methods = tuple(METHODS) if method is None else tuple(method.split(","))
+    return TrialConfig(poses, place, laser, odometry, methods)  # type: ignore[arg-type]  # checked
+
+
+def _executed(run: "Run", jobs: int | None) -> dict:
+    """Executes a run under a progress line; prints its table and where its files are."""
+    from rich.console import Console
+
+    from experiments.figures import scatter, trial_picture
+    from experiments.progress import TrialProgress
+    from experiments.runs import experiment_module
+    from experiments.tables import summary_table
+    from experiments.trials import generator
+
+    console = Console(width=None if sys.stdout.isatty() else 140)
+    with TrialProgress(run.experiment, run.trials, run.config.methods) as progress:
+        summary = run.execute(jobs or os.cpu_count() or 1, progress.update)
+    console.print(summary_table(summary, run.config.poses))
+    if summary["methods"] and not all(r["raised"] for r in summary["methods"].values()):
+        result = experiment_module(run.experiment).run_trial(
+            run.config, generator(run.experiment, run.seed, 0)
+        )
+        trial_picture(run.folder, run.config, result, 0)
+    scatter(run.folder)
+    console.print(f"results and figures: {run.folder}")
+    return summary
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The exit status: 0 done, 1 fell short, 2 wrong usage or unreadable input, in one line."""
+    # one thread each: the trials are spread over processes, and sums keep their order
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+    try:
+        status = app(arguments, prog_name="kitasap", standalone_mode=False)
+        return status if isinstance(status, int) else 0
+    except click.ClickException as error:
+        return _refused(error.format_message())
+    except (ValueError, OSError, RuntimeError) as error:
+        if os.environ.get("KITASAP_TRACEBACK"):
+            raise
+        return _refused(str(error) or type(error).__name__)
+    except (KeyboardInterrupt, click.Abort):
+        print("\nkitasap: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+
+
+def _refused(reason: str) -> int:
+    print("kitasap:", " ".join(reason.split()), file=sys.stderr)
+    return 2
+
+
+def run_script(experiment: str) -> None:
+    """What `python -m experiments.<experiment>` does: `kitasap run` of that experiment."""
+    sys.exit(main(["run", experiment, *sys.argv[1:]]))
+
+
+def entry() -> None:
+    """The console script."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    entry()

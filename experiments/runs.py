@@ -1,0 +1,172 @@
+"""Runs of many trials: in several processes, resumable, nothing finished ever lost."""
+
+import importlib
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from experiments.paper import PAPER_VALUES
+from experiments.provenance import commit, versions
+from experiments.statistics import summarised
+from experiments.trial_log import TrialLog, write_atomically
+from experiments.trials import TrialConfig, config_hash, generator
+
+EXPERIMENTS = ("localization", "kidnap")
+
+Finished = tuple[int, dict[str, Any], dict[str, Any]]
+"""Index, record and timing of a trial."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A number of trials of one experiment, in one folder."""
+
+    experiment: str
+    config: TrialConfig
+    seed: int
+    trials: int
+    folder: Path
+
+    def execute(self, jobs: int, on_trial: Callable[[int, dict[str, Any]], None]) -> dict[str, Any]:
+        """Does the trials that the folder does not hold yet; the content of `summary.json`.
+
+        on_trial: told of each trial's index and record, first of those done before.
+        Raises ValueError for a configuration that cannot be run or a folder that holds another.
+        """
+        experiment_module(self.experiment).checked(self.config)
+        started_s = time.monotonic()
+        key = config_hash(self.experiment, self.config, self.seed)
+        log = TrialLog(self.folder, self.experiment, key)
+        self._write_config(key)
+        for index in sorted(log.records):
+            if index < self.trials:
+                on_trial(index, log.records[index])
+        missing = [index for index in range(self.trials) if index not in log.records]
+        for index, record, timing in self._finished(missing, jobs):
+            log.append(index, record, timing)
+            on_trial(index, record)
+        log.finish()
+        return self._write_summary(log, time.monotonic() - started_s)
+
+    def _finished(self, missing: list[int], jobs: int) -> Iterator[Finished]:
+        """The trials as they finish. Those under way at an interrupt are still handed out."""
+        job = (self.experiment, self.config, self.seed)
+        if min(jobs, len(missing)) <= 1:
+            yield from (recorded_trial(*job, index) for index in missing)
+            return
+        pool = ProcessPoolExecutor(
+            min(jobs, len(missing)),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_prepare_worker,
+        )
+        queue = iter(missing)
+        pending: set[Future[Finished]] = set()
+        try:
+            while True:
+                # no more are handed to the pool than it works on: an interrupt ends soon
+                while len(pending) < jobs and (index := next(queue, None)) is not None:
+                    pending.add(pool.submit(recorded_trial, *job, index))
+                if not pending:
+                    break
+                done, pending = wait(pending, return_when=FIRST_COMPLETED)
+                yield from (future.result() for future in done)
+        except KeyboardInterrupt:
+            done, _ = wait(pending)
+            yield from (future.result() for future in done)
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+    def _write_config(self, key: str) -> None:
+        content = {
+            "experiment": self.experiment,
+            "config": asdict(self.config),
+            "config_hash": key,
+            "seed": self.seed,
+            "trials": self.trials,
+            "versions": versions(),
+            "commit": commit(),
+            "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
+        }
+        write_atomically(self.folder / "config.json", json.dumps(content, indent=2) + "\n")
+
+    def _write_summary(self, log: TrialLog, wall_s: float) -> dict[str, Any]:
+        indices = [index for index in sorted(log.records) if index < self.trials]
+        records = [log.records[index] for index in indices]
+        timings = [log.timings[index] for index in indices if index in log.timings]
+        summary = {
+            "experiment": self.experiment,
+            "trials": len(records),
+            "seed": self.seed,
+            "wall_s": round(wall_s, 3),
+            "cpu_s": round(sum(timing["cpu_s"] for timing in timings), 3),
+            "sim_s": round(sum(record.get("sim_s", 0.0) for record in records), 3),
+            "methods": summarised(records, self.config.methods),
+            "paper_values": PAPER_VALUES[self.experiment],
+        }
+        if self.experiment == "kidnap":
+            _add_query_times(summary["methods"], timings)
+        write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        return summary
+
+
+def experiment_module(name: str) -> ModuleType:
+    """The module of an experiment. Raises ValueError, naming those there are, if unknown."""
+    if name not in EXPERIMENTS:
+        raise ValueError(f"no experiment called '{name}'; there are: {', '.join(EXPERIMENTS)}")
+    return importlib.import_module(f"experiments.{name}")
+
+
+def recorded_trial(experiment: str, config: TrialConfig, seed: int, index: int) -> Finished:
+    """One trial's record and timing. A trial that raises is a failed trial, with its traceback."""
+    started_s = time.process_time()
+    timing: dict[str, Any] = {}
+    try:
+        run_trial = experiment_module(experiment).run_trial
+        result = run_trial(config, generator(experiment, seed, index))
+        record = result.record()
+        timing["methods"] = {name: round(cpu_s, 6) for name, cpu_s in result.cpu_s.items()}
+    except Exception as error:  # noqa: BLE001 - whatever a trial raises is its result
+        record = {
+            "status": "error",
+            "error": f"{type(error).__name__}: {error}",
+            "traceback": traceback.format_exc(),
+        }
+    timing["cpu_s"] = round(time.process_time() - started_s, 6)
+    return index, record, timing
+
+
+def _prepare_worker() -> None:
+    """Leaves Ctrl-C to the parent, and does not outlive it, however it dies."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+
+
+def _exit_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _add_query_times(methods: dict[str, Any], timings: list[dict[str, Any]]) -> None:
+    """Processor time of each method's search after the kidnap."""
+    import numpy as np
+
+    for name, summary in methods.items():
+        times_ms = [1000 * timing["methods"][name] for timing in timings if "methods" in timing]
+        summary["query_cpu_ms"] = {
+            "median": float(np.median(times_ms)) if times_ms else None,
+            "p99": float(np.quantile(times_ms, 0.99)) if times_ms else None,
+        }

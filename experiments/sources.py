@@ -1,0 +1,42 @@
+"""From what the simulated robot's sensors say to what `slam` understands. Truth stays behind."""
+
+import numpy as np
+
+from kitasap_sim.laser import LaserSpec
+from kitasap_sim.robot import KITASAP2
+from kitasap_sim.simulation import SensorFrame
+from slam.measurements import LaserScan, Measurement
+from slam.odometry import DifferentialDrive, OdometryNoise
+
+DRIVE = DifferentialDrive(
+    wheel_radius_m=(KITASAP2.wheel_radius_m, KITASAP2.wheel_radius_m),
+    track_m=KITASAP2.track_m,
+    ticks_per_turn=KITASAP2.ticks_per_turn,
+)
+"""The geometry that the robot believes in, not the one it was built with."""
+
+
+class MeasurementSource:
+    """Turns frames into measurements; remembers where the encoders were."""
+
+    def __init__(self, laser: LaserSpec, wheel_ticks: np.ndarray) -> None:
+        """wheel_ticks: (2,) counts where the odometry starts."""
+        self._laser = laser
+        self._ticks = np.array(wheel_ticks)
+        self._noise = OdometryNoise()
+
+    def measurement(self, frame: SensorFrame) -> Measurement:
+        """The scan with the motion since the last measurement."""
+        ticks_delta = frame.wheel_ticks - self._ticks
+        self._ticks = np.array(frame.wheel_ticks)
+        return Measurement(
+            time_s=frame.time_s,
+            motion=DRIVE.motion(ticks_delta),
+            scan=LaserScan(
+                time_s=frame.time_s,
+                angles_rad=self._laser.angles_rad,
+                ranges_m=frame.ranges_m,
+                beam_times_s=frame.beam_times_s,
+            ),
+            motion_covariance=self._noise.covariance(DRIVE, ticks_delta),
+        )

@@ -1,0 +1,77 @@
+"""What a run's trials say: the paper's figures of Tables 1 and 2, and success rates."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from experiments.paper import HEADING_MARGIN_RAD, POSITION_MARGIN_M
+
+_Z95 = 1.959963984540054
+"""Two-sided 95 % quantile of the normal distribution."""
+
+
+def summarised(records: list[dict[str, Any]], methods: tuple[str, ...]) -> dict[str, Any]:
+    """Per method, the figures of `summary.json`; trials that raised count as failures of all.
+
+    The errors are over the successes alone, next to the rate over all trials. The keys that later
+    work fills (the Cramer-Rao bound, the consistency) are null until it does.
+    """
+    return {name: _method_summary(records, name) for name in methods}
+
+
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """95 % confidence interval of a success rate (Wilson, 1927)."""
+    if trials == 0:
+        return 0.0, 1.0
+    rate, z2n = successes / trials, _Z95**2 / trials
+    middle = (rate + z2n / 2) / (1 + z2n)
+    half = _Z95 * math.sqrt(rate * (1 - rate) / trials + z2n / (4 * trials)) / (1 + z2n)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def _method_summary(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    outcomes = [record["methods"][name] for record in records if record["status"] == "ok"]
+    found = [outcome for outcome in outcomes if outcome["success"]]
+    believed = [outcome for outcome in outcomes if outcome["status"] == "matched"]
+    trials = len(records)
+    errors = np.array(
+        [[o["x_error_m"], o["y_error_m"], o["theta_error_rad"]] for o in found]
+    ).reshape(-1, 3)
+    is_within = (np.hypot(errors[:, 0], errors[:, 1]) <= POSITION_MARGIN_M) & (
+        np.abs(errors[:, 2]) <= HEADING_MARGIN_RAD
+    )
+    return {
+        "success_rate": len(found) / trials if trials else None,
+        "success_ci95": wilson_interval(len(found), trials),
+        "failures": trials - len(found),
+        "within_paper_margins": int(is_within.sum()),
+        "raised": trials - len(outcomes),
+        "matched": len(believed),
+        "confident_wrong": sum(not outcome["success"] for outcome in believed),
+        "x_cm": _axis(100 * errors[:, 0]),
+        "y_cm": _axis(100 * errors[:, 1]),
+        "theta_rad": _axis(errors[:, 2]),
+        "rmse_mm": _rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
+        "rmse_mrad": _rms(1000 * errors[:, 2]),
+        "crlb_mm": None,
+        "crlb_ratio": None,
+        "crlb_ratio_theta": None,
+        "nees": None,
+    }
+
+
+def _axis(errors: np.ndarray) -> dict[str, float | None]:
+    """Mean, signed value of largest magnitude, standard deviation and root mean square."""
+    if not errors.size:
+        return {"mean": None, "max": None, "std": None, "rmse": None}
+    return {
+        "mean": float(errors.mean()),
+        "max": float(errors[np.abs(errors).argmax()]),
+        "std": float(errors.std(ddof=1)) if errors.size > 1 else None,
+        "rmse": _rms(errors),
+    }
+
+
+def _rms(values: np.ndarray) -> float | None:
+    return float(np.sqrt(np.mean(values**2))) if values.size else None

@@ -1,0 +1,112 @@
+"""The log of a run's trials on disk: a line each, appended as it finishes; nothing is lost.
+
+`trials.jsonl` is what a run resumes from. `timings.jsonl` beside it has what differs from one
+repetition to the next, so that the log itself is the same to the byte.
+"""
+
+import csv
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+CSV_FIELDS = (
+    *("index", "status", "method", "match", "success"),
+    *("x_error_m", "y_error_m", "theta_error_rad"),
+    *("x_m", "y_m", "theta_rad", "x_true_m", "y_true_m", "theta_true_rad"),
+    *("iterations", "error_m2", "pair_count", "error"),
+)
+
+
+class TrialLog:
+    """The trials of one run in one folder, by their index.
+
+    Raises ValueError if the folder already holds trials of another configuration.
+    """
+
+    def __init__(self, folder: Path, experiment: str, config_hash: str) -> None:
+        self.folder = folder
+        self._key = {"experiment": experiment, "config": config_hash}
+        folder.mkdir(parents=True, exist_ok=True)
+        self.records = self._loaded(folder / "trials.jsonl")
+        self.timings = self._loaded(folder / "timings.jsonl")
+
+    def append(self, index: int, record: dict[str, Any], timing: dict[str, Any]) -> None:
+        """Puts a finished trial on disk."""
+        self.timings[index] = self._key | {"index": index} | timing
+        _append_line(self.folder / "timings.jsonl", _line(self.timings[index]))
+        self.records[index] = self._key | {"index": index} | record
+        _append_line(self.folder / "trials.jsonl", _line(self.records[index]))
+
+    def finish(self) -> None:
+        """Brings the lines into the order of the trials, and writes `trials.csv` from them."""
+        for name, lines in (("trials", self.records), ("timings", self.timings)):
+            text = "".join(_line(lines[index]) for index in sorted(lines))
+            write_atomically(self.folder / f"{name}.jsonl", text)
+        rows = [row for index in sorted(self.records) for row in _csv_rows(self.records[index])]
+        partial = self.folder / "trials.csv.partial"
+        with partial.open("w", newline="") as file:
+            writer = csv.DictWriter(file, CSV_FIELDS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+        partial.replace(self.folder / "trials.csv")
+
+    def _loaded(self, path: Path) -> dict[int, dict[str, Any]]:
+        """The whole lines of a log; what a crash left of a last one is cut off."""
+        if not path.exists():
+            return {}
+        text = path.read_bytes()
+        whole = text[: text.rfind(b"\n") + 1]
+        if len(whole) < len(text):
+            with path.open("r+b") as file:
+                file.truncate(len(whole))
+        loaded: dict[int, dict[str, Any]] = {}
+        for number, line in enumerate(whole.splitlines(), start=1):
+            try:
+                record = json.loads(line)
+                key, index = {name: record[name] for name in self._key}, int(record["index"])
+            except (ValueError, KeyError, TypeError) as error:
+                raise ValueError(f"{path} line {number} is not a trial: {error!r}") from None
+            if key != self._key:
+                raise ValueError(
+                    f"{path.parent} holds trials of another configuration, seed or version of "
+                    "the code: choose another --out, or remove that folder"
+                )
+            loaded[index] = record
+        return loaded
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Writes a file so that at any moment there is the old one or the new one, whole."""
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("w") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    partial.replace(path)
+
+
+def _append_line(path: Path, line: str) -> None:
+    with path.open("a") as file:
+        file.write(line)
+
+
+def _line(record: dict[str, Any]) -> str:
+    return json.dumps(record, allow_nan=False) + "\n"
+
+
+def _csv_rows(record: dict[str, Any]) -> list[dict[str, Any]]:
+    """A row for each method, or one for a trial that raised."""
+    trial = {"index": record["index"], "status": record["status"]}
+    if record["status"] != "ok":
+        return [trial | {"error": record["error"]}]
+    truth = dict(
+        zip(("x_true_m", "y_true_m", "theta_true_rad"), record["true_poses"][-1], strict=True)
+    )
+    return [
+        trial
+        | truth
+        | {"method": name, "match": outcome["status"]}
+        | {field: outcome[field] for field in CSV_FIELDS if field in outcome and field != "status"}
+        for name, outcome in record["methods"].items()
+    ]

@@ -1,0 +1,175 @@
+"""What a trial is, whatever the experiment: its configuration, its random numbers, its record."""
+
+import hashlib
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from experiments.methods import METHODS, KnownPlace, checked_methods
+from experiments.paper import VICINITY_M, VICINITY_RAD
+from kitasap_sim.laser import laser
+from kitasap_sim.places import Place
+from kitasap_sim.robot import KITASAP2, odometry_preset
+from slam.measurements import LaserScan
+from slam.scan_match import ScanMatch
+from slam.se2 import SE2, wrap_angle
+
+Poses = Literal["paper", "random"]
+_EXPERIMENT_KEYS = {"localization": 1, "kidnap": 2, "mapping": 3, "tracking": 4}
+"""Part of each trial's seed, so that no two experiments share random numbers."""
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """All that the outcome of a trial depends on, but its random numbers.
+
+    poses: `paper` repeats one pair of poses with fresh noise; `random` draws them anywhere in the
+    free space. start_error_m, start_error_rad: how wrong the robot's belief is at a random start,
+    uniform to either side on each axis. A trial succeeds within success_m and success_rad.
+    """
+
+    poses: Poses = "paper"
+    place: str = "room_fig4"
+    laser: str = "urg_04lx"
+    odometry: str = "as_built"
+    methods: tuple[str, ...] = tuple(METHODS)
+    map_spacing_m: float = 0.01
+    start_error_m: float = 0.10
+    start_error_rad: float = math.radians(5)
+    success_m: float = VICINITY_M
+    success_rad: float = VICINITY_RAD
+
+    def checked(self) -> "TrialConfig":
+        """The configuration, if every name in it exists. Raises ValueError in one line if not."""
+        if self.poses not in get_args(Poses):
+            raise ValueError(
+                f"no poses called '{self.poses}'; there are: {', '.join(get_args(Poses))}"
+            )
+        checked_methods(self.methods)
+        odometry_preset(self.odometry)
+        laser(self.laser)
+        _ = self.known_place.place.free_centres_m
+        return self
+
+    @property
+    def known_place(self) -> KnownPlace:
+        """The place with its true map; made once per process."""
+        return _known_place(self.place, self.laser, self.map_spacing_m)
+
+
+@cache
+def _known_place(place: str, laser_name: str, map_spacing_m: float) -> KnownPlace:
+    return KnownPlace(Place(place), laser(laser_name), map_spacing_m)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one method made of a trial: estimated minus true pose, and what it says of itself."""
+
+    T_map_base: SE2
+    error: np.ndarray
+    match: ScanMatch
+    is_success: bool
+
+    @classmethod
+    def of(
+        cls, match: ScanMatch, T_map_base: SE2, true: np.ndarray, config: TrialConfig
+    ) -> "Outcome":
+        """The outcome at a true pose (3,); a match that is not believed is no success."""
+        error = T_map_base.as_array() - true
+        error[2] = wrap_angle(error[2])
+        is_near = np.hypot(*error[:2]) <= config.success_m and abs(error[2]) <= config.success_rad
+        is_disowned = match.status.name in ("LOST", "NOT_CONVERGED")
+        return cls(T_map_base, error, match, bool(is_near and not is_disowned))
+
+    def record(self) -> dict[str, Any]:
+        """The outcome as plain numbers; errors in metres and radians."""
+        return {
+            "status": self.match.status.value,
+            "success": self.is_success,
+            "x_m": self.T_map_base.x,
+            "y_m": self.T_map_base.y,
+            "theta_rad": self.T_map_base.theta,
+            "x_error_m": float(self.error[0]),
+            "y_error_m": float(self.error[1]),
+            "theta_error_rad": float(self.error[2]),
+            "iterations": len(self.match.history),
+            "error_m2": self.match.error_m2 if math.isfinite(self.match.error_m2) else None,
+            "pair_count": self.match.pair_count,
+        }
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """One trial: the true poses, what each method found, and what was seen on the way.
+
+    true_poses: the (3,) true poses at which scans were taken, the last being the one to find.
+    cpu_s: processor time of each method's last search, by method; kept out of the record, which
+    is the same to the byte whenever the trial is repeated. scans: as taken at the true poses.
+    """
+
+    true_poses: list[np.ndarray]
+    outcomes: dict[str, Outcome]
+    sim_s: float
+    cpu_s: dict[str, float] = field(default_factory=dict)
+    scans: list[LaserScan] = field(default_factory=list, repr=False)
+
+    def record(self) -> dict[str, Any]:
+        """The trial as plain numbers, ready for a line of `trials.jsonl`."""
+        return {
+            "status": "ok",
+            "sim_s": self.sim_s,
+            "true_poses": [pose.tolist() for pose in self.true_poses],
+            "methods": {name: outcome.record() for name, outcome in self.outcomes.items()},
+        }
+
+
+RunTrial = Callable[[TrialConfig, np.random.Generator], TrialResult]
+
+
+def generator(experiment: str, seed: int, index: int) -> np.random.Generator:
+    """The random numbers of one trial, by its number: the same in any shard and any process."""
+    key = (_EXPERIMENT_KEYS[experiment], index)
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
+
+
+def config_hash(experiment: str, config: TrialConfig, seed: int) -> str:
+    """Names what the outcome of a run depends on: configuration, seed, code and libraries.
+
+    Lines of a trial log under another hash are never mixed with these.
+    """
+    known = {
+        "experiment": experiment,
+        "seed": seed,
+        "config": asdict(config),
+        "robot": asdict(KITASAP2),
+        "place": _digest([config.known_place.place.path]),
+        "code": _code_digest(),
+    }
+    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@cache
+def _code_digest() -> str:
+    """Of this project's sources and models, and of the libraries whose arithmetic enters."""
+    from experiments.provenance import versions
+
+    folders = [Path(str(files(name))) for name in ("kitasap_sim", "slam", "experiments", "models")]
+    sources = [
+        path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".xml")
+    ]
+    return _digest(sorted(sources), json.dumps(versions(), sort_keys=True))
+
+
+def _digest(paths: list[Path], more: str = "") -> str:
+    digest = hashlib.sha256(more.encode())
+    for path in paths:
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,81 @@
+"""Real logs: the odd scans found on the map of the even ones, end to end."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.real_logs import main, run, table
+from slam.readers.carmen import read_carmen
+from slam.trajectory import read_tum
+from tests.slam.logs import shared_log
+
+DATA = Path(__file__).parents[1] / "data"
+EXCERPT = [str(DATA / "fr101-excerpt.clf.gz"), "--reference"]
+REFERENCE = str(DATA / "fr101-excerpt.reference.tum")
+
+
+def test_every_odd_scan_of_the_excerpt_is_tracked(tmp_path, capsys):
+    assert main([*EXCERPT, REFERENCE, "--out", str(tmp_path / "out")]) == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["scans"], summary["tracked"]) == (10, 10)
+    # the reference itself is good to 3 cm and half a degree
+    assert summary["position_error_m"]["median"] < 0.05
+    assert summary["heading_error_deg"]["median"] < 0.5
+    assert "tracked 10" in capsys.readouterr().out
+    trajectory = read_tum(tmp_path / "out" / "trajectory.tum")
+    stamps = [m.time_s for m in read_carmen(EXCERPT[0]).measurements()][1::2]
+    np.testing.assert_allclose(trajectory.times_s, stamps, atol=1e-6)
+
+
+def test_motion_over_passed_scans_is_kept(tmp_path):
+    # every third reference pose only: scans without one must hand their motion on
+    lines = Path(REFERENCE).read_text().splitlines()[1:]
+    (tmp_path / "thin.tum").write_text("\n".join(lines[::3]) + "\n")
+    result = run(EXCERPT[0], tmp_path / "thin.tum")
+    measured = list(read_carmen(EXCERPT[0]).measurements())
+    log_motion = measured[4].motion
+    for measurement in measured[5:10]:
+        log_motion = log_motion @ measurement.motion
+    first, second = result.estimates[:2]
+    motion = first.T_map_base.inverse() @ second.T_predicted
+    np.testing.assert_allclose(motion.as_array(), log_motion.as_array(), atol=1e-9)
+
+
+def test_same_log_gives_the_same_bytes():
+    first, second = run(EXCERPT[0], REFERENCE), run(EXCERPT[0], REFERENCE)
+    assert first.trajectory().poses.tobytes() == second.trajectory().poses.tobytes()
+
+
+def test_unreadable_input_is_one_line_and_status_2(tmp_path, capsys):
+    (tmp_path / "cut.clf").write_text("ODOM 1 2\n")
+    (tmp_path / "other.tum").write_text("1 0 0 0 0 0 0 1\n")
+    for arguments in (
+        [str(tmp_path / "cut.clf"), "--reference", REFERENCE],
+        [str(tmp_path / "none.clf"), "--reference", REFERENCE],
+        [*EXCERPT, str(tmp_path / "other.tum")],
+    ):
+        assert main(arguments) == 2
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert len(printed.err.splitlines()) == 1
+
+
+def check_whole_log(name: str, scans: int) -> None:
+    """Asserts what the project promises for a whole log."""
+    summary = run(shared_log(f"{name}.clf.gz"), shared_log(f"{name}.reference.tum")).summary()
+    assert (summary["scans"], summary["tracked"]) == (scans, scans), table(summary)
+    assert summary["lost_silently"] == 0
+    # the references of these logs agree with each other to 3 to 5 cm
+    assert summary["position_error_m"]["median"] < 0.05
+    assert summary["heading_error_deg"]["median"] < 0.5
+
+
+def test_every_odd_scan_of_fr101_is_tracked():
+    check_whole_log("fr101", 146)
+
+
+@pytest.mark.slow
+def test_every_odd_scan_of_intel_is_tracked():
+    check_whole_log("intel", 455)
