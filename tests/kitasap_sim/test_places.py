@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from kitasap_sim import KITASAP2, Place
+from kitasap_sim.drive import Pilot
 from kitasap_sim.places import place_names
 
 FLOOR_AND_WALLS = """
@@ -164,3 +165,23 @@ def test_the_kidnap_pair_of_the_laboratory_is_free():
     two = one + np.array([0.0, -1.0])
     assert place.is_free(np.array([one, two])).all()
     assert place.is_way_free(one, two)
+
+
+@pytest.mark.parametrize("name", place_names())
+def test_the_scripted_track_is_free_and_closed(name):
+    place = Place(name)
+    assert len(place.track_m) > 5
+    assert np.array_equal(place.track_m[0], place.track_m[-1])
+    assert all(place.is_way_free(a, b) for a, b in pairwise(place.track_m))
+
+
+def test_the_robot_drives_its_scripted_track_at_twenty_centimetres_a_second(make):
+    place = Place("symmetric_room")
+    simulation = make(place)
+    simulation.reset(np.array([*place.track_m[0], 0.0]))
+    speeds_mps = []
+    for _ in Pilot(simulation).follow(place.track_m):
+        speeds_mps.append(simulation.truth().speed_mps)
+    assert np.median([v for v in speeds_mps if v > 0.05]) == pytest.approx(0.2, rel=0.01)
+    # the ideal robot's odometry is true to millimetres over 9 m
+    assert np.hypot(*(simulation.truth().pose[:2] - place.track_m[-1])) < 0.01
