@@ -6,22 +6,26 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import click
 import typer
 
 if TYPE_CHECKING:
     from experiments.runs import Run
     from experiments.trials import TrialConfig
 
+# Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
+# the base class of what it raises for wrong usage.
+_WrongUsage: type[Exception] = next(
+    c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException"
+)
+
 app = typer.Typer(
     name="kitasap",
     help="Kitasap2 drives, is lifted, and finds itself: the testbed and its experiments.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-bench_app = typer.Typer(help="Measures the testbed itself.", no_args_is_help=True)
+bench_app = typer.Typer(help="Measures the testbed itself.")
 app.add_typer(bench_app, name="bench")
 
 Poses = Annotated[str, typer.Option(help="paper: one pair of poses; random: anywhere free.")]
@@ -176,13 +180,13 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         status = app(arguments, prog_name="kitasap", standalone_mode=False)
         return status if isinstance(status, int) else 0
-    except click.ClickException as error:
-        return _refused(error.format_message())
+    except _WrongUsage as error:
+        return _refused(error.format_message())  # type: ignore[attr-defined]
     except (ValueError, OSError, RuntimeError) as error:
         if os.environ.get("KITASAP_TRACEBACK"):
             raise
         return _refused(str(error) or type(error).__name__)
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, typer.Abort):
         print("\nkitasap: interrupted; the same command goes on from here", file=sys.stderr)
         return 130
 

@@ -45,8 +45,8 @@ TRIALS = 100
 # - the pose that the search starts from: the nominal pose (1) by the robot's own belief, moved on
 #   by odometry; after the kidnap, with the wheels held, that is still pose (1).
 # - the distance within which points are related: none is given, so none is set but a room's width.
-# - the threshold of F: at the true pose (1) of room_fig4, F is 8e-4 m2 on average (noise of 1 %
-#   of up to 5.6 m, and mixed pixels paired with whatever is nearest); twice that, since below its
+# - the threshold of F: at the true pose (1) of room_fig4, F is 9e-4 m2 on average (noise of 1 %
+#   of up to 5.6 m, and mixed pixels paired with whatever is nearest); nearly twice that, since below its
 #   floor nothing ever matches. It is what ends the search early: see the stop rule.
 # - the end without a match: after max_iterations, or when nothing moves any more, it is lost.
 PAPER_ICP = IcpConfig(
