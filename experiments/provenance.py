@@ -23,6 +23,8 @@ def commit() -> str | None:
     """The commit of the sources that are running, "+" behind it if they differ; None outside git."""
     folder = Path(__file__).parent
     try:
+        # installed below somebody else's repository, this file is none of its own
+        _git(folder, "ls-files", "--error-unmatch", Path(__file__).name)
         head = _git(folder, "rev-parse", "HEAD")
         changed = _git(folder, "status", "--porcelain", "--untracked-files=no")
     except (OSError, subprocess.CalledProcessError):
