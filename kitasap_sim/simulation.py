@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from kitasap_sim import encoders, names
-from kitasap_sim.laser import LaserSpec, laser, measured_ranges
+from kitasap_sim.laser import LaserSpec, measured_ranges
+from kitasap_sim.laser import laser as laser_preset
 from kitasap_sim.places import Place
 from kitasap_sim.robot import (
     KITASAP2,
@@ -64,13 +65,13 @@ class Simulation:
     def __init__(
         self,
         place: str | Path | Place = "room_fig4",
-        laser_spec: str | LaserSpec | None = "urg_04lx",
+        laser: str | LaserSpec | None = "urg_04lx",
         odometry: str | OdometryPreset = "as_built",
         *,
         rng: np.random.Generator,
     ) -> None:
         self.place = place if isinstance(place, Place) else Place(place)
-        self.laser = laser(laser_spec) if isinstance(laser_spec, str) else laser_spec
+        self.laser = laser_preset(laser) if isinstance(laser, str) else laser
         self.odometry = odometry_preset(odometry) if isinstance(odometry, str) else odometry
         self._rng = rng
         self.model = self._build().compile()
