@@ -39,6 +39,7 @@ Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one p
 Trials = Annotated[int, typer.Option(min=1, help="How many.")]
 
 RESULTS = Path("results")
+_INTERRUPTED = 130
 
 
 @app.command()
@@ -101,16 +102,15 @@ def picture(
     laser: Laser = "urg_04lx",
 ) -> None:
     """Draws the robot in a place, with the beams of its laser."""
-    import matplotlib.image
     import numpy as np
 
+    from experiments.figures import image_file
     from kitasap_sim.rendering import render
     from kitasap_sim.simulation import Simulation
 
     simulation = Simulation(place, laser, rng=np.random.default_rng(0))
     pixels = render(simulation, beams_m=simulation.next_frame().ranges_m)
-    matplotlib.image.imsave(out, pixels)
-    print(out)
+    print(image_file(out, pixels))
 
 
 @bench_app.command("sim")
@@ -159,14 +159,22 @@ def _executed(run: "Run", jobs: int | None) -> dict:
     from experiments.trials import generator
 
     console = Console(width=None if sys.stdout.isatty() else 140)
+    drawable: list[int] = []
     with TrialProgress(run.experiment, run.trials, run.config.methods) as progress:
-        summary = run.execute(jobs or os.cpu_count() or 1, progress.update)
+
+        def on_trial(index: int, record: dict) -> None:
+            progress.update(index, record)
+            if record["status"] == "ok":
+                drawable.append(index)
+
+        summary = run.execute(jobs or os.cpu_count() or 1, on_trial)
     console.print(summary_table(summary, run.config.poses))
-    if summary["methods"] and not all(r["raised"] for r in summary["methods"].values()):
+    if drawable:
+        index = min(drawable)
         result = experiment_module(run.experiment).run_trial(
-            run.config, generator(run.experiment, run.seed, 0)
+            run.config, generator(run.experiment, run.seed, index)
         )
-        trial_picture(run.folder, run.config, result, 0)
+        trial_picture(run.folder, run.config, result, index)
     scatter(run.folder)
     console.print(f"results and figures: {run.folder}")
     return summary
@@ -179,16 +187,23 @@ def main(arguments: list[str] | None = None) -> int:
         os.environ.setdefault(variable, "1")
     try:
         status = app(arguments, prog_name="kitasap", standalone_mode=False)
-        return status if isinstance(status, int) else 0
     except _WrongUsage as error:
         return _refused(error.format_message())  # type: ignore[attr-defined]
     except (ValueError, OSError, RuntimeError) as error:
         if os.environ.get("KITASAP_TRACEBACK"):
             raise
-        return _refused(str(error) or type(error).__name__)
+        return _refused(_reason(error))
     except (KeyboardInterrupt, typer.Abort):
+        status = _INTERRUPTED
+    if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
         print("\nkitasap: interrupted; the same command goes on from here", file=sys.stderr)
-        return 130
+    return status if isinstance(status, int) else 0
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error) or type(error).__name__
 
 
 def _refused(reason: str) -> int:

@@ -13,6 +13,7 @@ matplotlib.use("Agg")  # a file is all that is wanted, display or not
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse, Rectangle
 
 from experiments.real_logs import RealLogResult
@@ -48,7 +49,8 @@ def scatter(folder: Path) -> Path:
         ).reshape(-1, 2)
         _scatter_panel(axis, method, errors_cm, summary)
     axes[0][0].set_ylabel("error in Y [cm]")
-    figure.suptitle(TITLES[summary["experiment"]])
+    figure.suptitle(f"{TITLES[summary['experiment']]}: estimated minus true position")
+    _legend_below(figure, axes[0][0], ncols=3)
     return _saved(figure, folder / "scatter")
 
 
@@ -68,7 +70,7 @@ def _scatter_panel(axis: Axes, method: str, errors_cm: np.ndarray, summary: dict
     )  # fmt: skip
     axis.plot(
         *errors_cm[is_inside].T, "o", ms=3.5, mew=0, alpha=0.6,
-        color=_COLOURS.get(method, _FALLBACK_COLOUR), label="ours, one trial each",
+        color=_COLOURS.get(method, _FALLBACK_COLOUR), label="ours, a dot for each trial",
     )  # fmt: skip
     axis.axhline(0, color="#cccccc", lw=0.8, zorder=0)
     axis.axvline(0, color="#cccccc", lw=0.8, zorder=0)
@@ -79,7 +81,6 @@ def _scatter_panel(axis: Axes, method: str, errors_cm: np.ndarray, summary: dict
         f"{method}\n{trials - result['failures']} of {trials} succeed, {outside} off this picture",
         fontsize=9,
     )
-    axis.legend(fontsize=6.5, loc="upper left")
 
 
 def trial_picture(folder: Path, config: TrialConfig, result: TrialResult, index: int) -> Path:
@@ -98,6 +99,7 @@ def trial_picture(folder: Path, config: TrialConfig, result: TrialResult, index:
         f"trial {index} in {Path(config.place).stem}: "
         + ("lifted from (1) and set down at (2)" if len(result.true_poses) > 1 else "at rest")
     )
+    _legend_below(figure, axes[0][0], ncols=min(4, 2 * len(names)))
     return _saved(figure, folder / f"trial_{index}")
 
 
@@ -106,27 +108,33 @@ def _draw_trial(axis: Axes, config: TrialConfig, result: TrialResult, name: str)
     axis.plot(*known.point_map.points.T, ".", ms=0.7, color="#444444", label="map")
     history = [step.T_map_base for step in outcome.match.history] or [outcome.T_map_base]
     points_base = [scan.points(known.T_base_laser) for scan in result.scans]
-    if len(result.scans) > 1:
-        _draw_scan(
-            axis, points_base[0], SE2.from_array(result.true_poses[0]), "#2ca02c", "scan at (1)"
-        )
-        _draw_robot(axis, result.true_poses[0], "#2ca02c", "(1)", KITASAP2.radius_m)
     here = "(2)" if len(result.scans) > 1 else "(1)"
+    if len(result.scans) > 1:
+        first = SE2.from_array(result.true_poses[0])
+        _draw_scan(axis, points_base[0], first, "#2ca02c", "scan before, at (1)")
     _draw_scan(
-        axis, points_base[-1], history[0], "#ffaa33", f"scan at {here}, where the search began"
+        axis, points_base[-1], history[0], "#ffaa33", f"scan at {here}, seen from the first guess"
     )
-    _draw_scan(axis, points_base[-1], history[-1], "#1f77b4", f"scan at {here}, where it ended")
-    _draw_robot(axis, result.true_poses[-1], "#000000", here, KITASAP2.radius_m)
-    _draw_robot(axis, history[-1].as_array(), "#1f77b4", "", KITASAP2.radius_m)
+    _draw_scan(
+        axis, points_base[-1], history[-1], "#1f77b4", f"scan at {here}, seen from the pose found"
+    )
+    if len(result.scans) > 1:
+        _draw_robot(axis, result.true_poses[0], "#2ca02c", "-", "robot before, at (1)")
+        _number(axis, result.true_poses[0], "#2ca02c", "(1)")
+    _draw_robot(axis, result.true_poses[-1], "#000000", "-", f"robot at {here}: truth")
+    _number(axis, result.true_poses[-1], "#000000", here)
+    _draw_robot(axis, history[-1].as_array(), "#1f77b4", "--", f"robot at {here}: pose found")
     path = np.array([T.as_array()[:2] for T in history])
-    axis.plot(*path.T, "-", lw=1.5, color="#d62728", label=f"path of {name}, {len(history)} steps")
-    axis.plot(*path[0], "s", ms=5, color="#d62728")
-    axis.plot(*path[-1], "*", ms=10, color="#d62728")
+    axis.plot(
+        *path.T, "-", lw=1.5, color="#d62728", marker="*", ms=11, markevery=[-1],
+        label="way of the search, from first guess to pose found (star)",
+    )  # fmt: skip
     error_mm, error_deg = 1000 * np.hypot(*outcome.error[:2]), math.degrees(outcome.error[2])
+    steps = f"{len(history)} step" + "s" * (len(history) > 1)
     verdict = "found" if outcome.is_success else "not found"
     axis.set_title(
         f"{name}: {verdict}, says '{outcome.match.status.value}'\n"
-        f"off by {error_mm:.1f} mm, {error_deg:.2f} degrees",
+        f"off by {error_mm:.1f} mm, {error_deg:.2f} degrees after {steps}",
         fontsize=10,
     )
     lower, upper = known.place.bounds_m
@@ -135,7 +143,6 @@ def _draw_trial(axis: Axes, config: TrialConfig, result: TrialResult, name: str)
         xlabel="x [m]", ylabel="y [m]",
     )  # fmt: skip
     axis.set_aspect("equal")
-    axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, markerscale=3)
 
 
 def _draw_scan(
@@ -145,12 +152,24 @@ def _draw_scan(
     axis.plot(*points.T, ".", ms=2, color=colour, alpha=0.6, label=label)
 
 
-def _draw_robot(axis: Axes, pose: np.ndarray, colour: str, label: str, radius_m: float) -> None:
-    x, y, heading = pose
-    axis.add_patch(plt.Circle((x, y), radius_m, fill=False, ec=colour, lw=1.2))
-    nose = radius_m * np.array([math.cos(heading), math.sin(heading)])
-    axis.plot([x, x + nose[0]], [y, y + nose[1]], color=colour, lw=1.2)
-    axis.annotate(label, (x, y), (5, 5), textcoords="offset points", color=colour, fontsize=10)
+def _draw_robot(axis: Axes, pose: np.ndarray, colour: str, style: str, label: str) -> None:
+    """A circle around all of the robot, with a line from its axle to its front."""
+    turn = np.linspace(0.0, math.tau, 60)
+    outline = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    shape = KITASAP2.radius_m * np.concatenate([np.zeros((1, 2)), outline])
+    axis.plot(*(SE2.from_array(pose) @ shape).T, ls=style, lw=1.4, color=colour, label=label)
+
+
+def _number(axis: Axes, pose: np.ndarray, colour: str, text: str) -> None:
+    """The paper's number of a pose, outside the robot."""
+    x, y = pose[:2] + 0.75 * KITASAP2.radius_m
+    axis.annotate(text, (x, y), (1, 1), textcoords="offset points", color=colour, fontsize=11)
+
+
+def image_file(path: Path, pixels: np.ndarray) -> Path:
+    """Writes pixels (H, W, 3) as PNG, whatever the file is called."""
+    plt.imsave(path, pixels, format="png")
+    return path
 
 
 def real_log_picture(folder: Path, result: RealLogResult) -> Path:
@@ -172,10 +191,20 @@ def real_log_picture(folder: Path, result: RealLogResult) -> Path:
     return _saved(figure, folder / "localization")
 
 
+def _legend_below(figure: Any, axis: Axes, ncols: int) -> None:
+    """One legend for all panels, which have the same things in them."""
+    handles, labels = axis.get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="outside lower center", ncols=ncols, fontsize=8)
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set_markersize(6)
+
+
 def _saved(figure: Any, stem: Path) -> Path:
-    """Writes a figure as PNG and SVG. No dates within: equal figures are equal files."""
+    """Writes a figure as PNG and SVG. No dates or random names within: equal figures, equal files."""
     path = stem.with_suffix(".png")
     figure.savefig(path, dpi=130, metadata={"Software": None})
-    figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
+    with plt.rc_context({"svg.hashsalt": stem.name}):
+        figure.savefig(stem.with_suffix(".svg"), metadata={"Date": None})
     plt.close(figure)
     return path

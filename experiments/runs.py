@@ -11,6 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import ModuleType
@@ -19,7 +20,7 @@ from typing import Any
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
 from experiments.statistics import summarised
-from experiments.trial_log import TrialLog, write_atomically
+from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
 
 EXPERIMENTS = ("localization", "kidnap")
@@ -42,9 +43,16 @@ class Run:
         """Does the trials that the folder does not hold yet; the content of `summary.json`.
 
         on_trial: told of each trial's index and record, first of those done before.
-        Raises ValueError for a configuration that cannot be run or a folder that holds another.
+        Raises ValueError for a configuration that cannot be run, or a folder that holds another or
+        in which another run is at work.
         """
         experiment_module(self.experiment).checked(self.config)
+        with locked(self.folder):
+            return self._execute_alone(jobs, on_trial)
+
+    def _execute_alone(
+        self, jobs: int, on_trial: Callable[[int, dict[str, Any]], None]
+    ) -> dict[str, Any]:
         started_s = time.monotonic()
         key = config_hash(self.experiment, self.config, self.seed)
         log = TrialLog(self.folder, self.experiment, key)
@@ -56,7 +64,7 @@ class Run:
         for index, record, timing in self._finished(missing, jobs):
             log.append(index, record, timing)
             on_trial(index, record)
-        log.finish()
+        log.finish(self.trials)
         return self._write_summary(log, time.monotonic() - started_s)
 
     def _finished(self, missing: list[int], jobs: int) -> Iterator[Finished]:
@@ -76,7 +84,8 @@ class Run:
             while True:
                 # no more are handed to the pool than it works on: an interrupt ends soon
                 while len(pending) < jobs and (index := next(queue, None)) is not None:
-                    pending.add(pool.submit(recorded_trial, *job, index))
+                    with _interrupts_held():  # for a process that this may start
+                        pending.add(pool.submit(recorded_trial, *job, index))
                 if not pending:
                     break
                 done, pending = wait(pending, return_when=FIRST_COMPLETED)
@@ -116,7 +125,7 @@ class Run:
             "paper_values": PAPER_VALUES[self.experiment],
         }
         if self.experiment == "kidnap":
-            _add_query_times(summary["methods"], timings)
+            _add_kidnap_figures(summary["methods"], timings)
         write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         return summary
 
@@ -147,6 +156,22 @@ def recorded_trial(experiment: str, config: TrialConfig, seed: int, index: int) 
     return index, record, timing
 
 
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """A process started within never hears of Ctrl-C, not even in the second of its imports.
+
+    This one hears of it at the end: a mask is inherited, and it loses no signal.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+
+
 def _prepare_worker() -> None:
     """Leaves Ctrl-C to the parent, and does not outlive it, however it dies."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -160,11 +185,13 @@ def _exit_with_parent() -> None:
         os._exit(1)
 
 
-def _add_query_times(methods: dict[str, Any], timings: list[dict[str, Any]]) -> None:
-    """Processor time of each method's search after the kidnap."""
+def _add_kidnap_figures(methods: dict[str, Any], timings: list[dict[str, Any]]) -> None:
+    """Processor time of each method's search after the kidnap, and what later work fills in."""
     import numpy as np
 
     for name, summary in methods.items():
+        summary |= dict.fromkeys(("detected_rate", "false_alarms", "unsure_rate"))
+        summary["scans_to_recover"] = {"median": None, "max": None}
         times_ms = [1000 * timing["methods"][name] for timing in timings if "methods" in timing]
         summary["query_cpu_ms"] = {
             "median": float(np.median(times_ms)) if times_ms else None,

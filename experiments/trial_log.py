@@ -7,6 +7,8 @@ repetition to the next, so that the log itself is the same to the byte.
 import csv
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -38,12 +40,13 @@ class TrialLog:
         self.records[index] = self._key | {"index": index} | record
         _append_line(self.folder / "trials.jsonl", _line(self.records[index]))
 
-    def finish(self) -> None:
-        """Brings the lines into the order of the trials, and writes `trials.csv` from them."""
+    def finish(self, trials: int) -> None:
+        """Brings the lines into the order of the trials; writes `trials.csv` from the first ones."""
         for name, lines in (("trials", self.records), ("timings", self.timings)):
             text = "".join(_line(lines[index]) for index in sorted(lines))
             write_atomically(self.folder / f"{name}.jsonl", text)
-        rows = [row for index in sorted(self.records) for row in _csv_rows(self.records[index])]
+        asked = [index for index in sorted(self.records) if index < trials]
+        rows = [row for index in asked for row in _csv_rows(self.records[index])]
         partial = self.folder / "trials.csv.partial"
         with partial.open("w", newline="") as file:
             writer = csv.DictWriter(file, CSV_FIELDS, lineterminator="\n")
@@ -74,6 +77,35 @@ class TrialLog:
                 )
             loaded[index] = record
         return loaded
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keeps every other run out of a folder; one that dies, however, lets go of it.
+
+    Raises ValueError if another run is at work there.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if os.name != "posix":  # nothing to lock with
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        _lock(handle, folder)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _lock(handle: int, folder: Path) -> None:
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise ValueError(f"another run is at work in {folder}: wait for its end") from None
+    except OSError:
+        return  # some network file systems have no locks: as good as they can
 
 
 def write_atomically(path: Path, text: str) -> None:

@@ -1,0 +1,149 @@
+"""The layers of style.md, section 3: who may import whom, read from the sources."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[1]
+PACKAGES = ("models", "kitasap_sim", "slam", "experiments")
+
+MAY_IMPORT = {
+    "models": set(),
+    "kitasap_sim": {"kitasap_sim", "models", "numpy", "mujoco", "gymnasium"},
+    "slam": {"slam", "numpy", "scipy", "numba"},
+    "experiments": {
+        *("experiments", "slam", "kitasap_sim", "models", "numpy", "mujoco"),
+        *("typer", "rich", "yaml", "jinja2"),
+    },
+}
+ONLY_IN = {
+    "slam/open3d_backend.py": {"open3d", "libusb_package"},
+    "experiments/figures.py": {"matplotlib"},
+}
+
+RANKS = (
+    {"arrays", "se2", "kernels"},
+    {"measurements", "odometry", "point_map", "occupancy_grid", "trajectory"}
+    | {"scan_match", "range_noise", "map_files"},
+    {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew"}
+    | {"open3d_backend", "lines", "line_extraction"},
+    {"relocalization", "lost", "loop_closing", "fusion"},
+    {"localization", "mapping"},
+)
+BESIDE_THE_RANKS = {"metrics", "readers"}
+"""They use the first two ranks, and no estimator uses them."""
+
+
+def sources(package: str) -> list[Path]:
+    return sorted((REPOSITORY / package).rglob("*.py"))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """The full names of the modules that a file imports anywhere, also within functions."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative imports hide who imports whom"
+            assert node.module is not None
+            yield node.module
+            # `from slam import icp` imports a module too
+            if node.module in PACKAGES:
+                yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call):
+            yield from _imported_by_call(node)
+
+
+def _imported_by_call(node: ast.Call) -> Iterator[str]:
+    name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+    if name in ("import_module", "__import__") and isinstance(node.args[0], ast.Constant):
+        yield str(node.args[0].value)
+
+
+def forbidden(path: Path, package: str) -> set[str]:
+    allowed = MAY_IMPORT[package] | set(sys.stdlib_module_names)
+    allowed |= ONLY_IN.get(path.relative_to(REPOSITORY).as_posix(), set())
+    return {name for name in imports(path) if name.split(".")[0] not in allowed}
+
+
+def rank(module: str) -> int:
+    return next(number for number, names in enumerate(RANKS) if module in names)
+
+
+def slam_modules(path: Path) -> set[str]:
+    """The modules of `slam` that a file imports, by the first name below the package."""
+    names = (name.split(".") for name in imports(path))
+    known = set().union(*RANKS) | BESIDE_THE_RANKS
+    return {parts[1] for parts in names if parts[0] == "slam" and parts[1:] and parts[1] in known}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_imports_only_what_its_layer_may(package):
+    found = {path.name: names for path in sources(package) if (names := forbidden(path, package))}
+    assert found == {}
+
+
+@pytest.mark.parametrize(
+    ("line", "package", "name"),
+    [
+        ("import mujoco", "slam", "mujoco"),
+        ("def f():\n    from matplotlib import image", "slam", "matplotlib"),
+        ("from slam.se2 import SE2", "kitasap_sim", "slam.se2"),
+        ("import importlib\nimportlib.import_module('open3d')", "slam", "open3d"),
+        ("import experiments.runs", "slam", "experiments.runs"),
+    ],
+)
+def test_forbidden_import_is_seen_wherever_it_stands(tmp_path, monkeypatch, line, package, name):
+    monkeypatch.setattr(sys.modules[__name__], "REPOSITORY", tmp_path)
+    path = tmp_path / package / "new.py"
+    path.parent.mkdir()
+    path.write_text(line)
+    assert forbidden(path, package) == {name}
+
+
+def test_every_module_of_slam_has_a_rank():
+    modules = {path.relative_to(REPOSITORY / "slam").parts[0] for path in sources("slam")}
+    modules = {name.removesuffix(".py") for name in modules if name != "__init__.py"}
+    assert modules - set().union(*RANKS) - BESIDE_THE_RANKS == set()
+
+
+def test_imports_inside_slam_run_leftward():
+    wrong = []
+    for path in sources("slam"):
+        module = path.relative_to(REPOSITORY / "slam").parts[0].removesuffix(".py")
+        if module == "__init__":
+            continue  # the front of the package shows all ranks
+        for imported in slam_modules(path) - {module}:
+            if module in BESIDE_THE_RANKS:
+                is_wrong = imported in BESIDE_THE_RANKS or rank(imported) > 1
+            else:
+                is_wrong = imported in BESIDE_THE_RANKS or rank(imported) > rank(module)
+            if is_wrong:
+                wrong.append(f"{module} imports {imported}")
+    assert wrong == []
+
+
+def test_importing_kitasap_sim_loads_neither_mujoco_nor_open3d():
+    # nor the other half of the project: both are useful alone
+    assert loaded_after("import kitasap_sim", "mujoco", "open3d", "slam", "numba") == []
+
+
+def test_help_loads_nothing_heavy():
+    # each of these takes longer to import than the 0.3 s in which the help answers
+    code = "from experiments.cli import main; assert main(['--help']) == 0"
+    heavy = ("mujoco", "open3d", "numpy", "scipy", "matplotlib", "numba", "gymnasium")
+    assert loaded_after(code, *heavy) == []
+
+
+def loaded_after(code: str, *modules: str) -> list[str]:
+    """Which of some modules a fresh interpreter has loaded after some code."""
+    listed = f"{code}\nimport sys\nprint(*[m for m in {modules!r} if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", listed], cwd=REPOSITORY, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()[-1].split()
