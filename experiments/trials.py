@@ -151,7 +151,7 @@ def config_hash(experiment: str, config: TrialConfig, seed: int) -> str:
         "seed": seed,
         "config": asdict(config),
         "robot": asdict(KITASAP2),
-        "place": _digest([config.known_place.place.path]),
+        "place": config.known_place.place.digest,
         "code": _code_digest(),
     }
     return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:16]

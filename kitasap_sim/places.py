@@ -1,5 +1,6 @@
 """Places: MJCF worlds for the robot, their free space, and their true map at the laser's height."""
 
+import hashlib
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -86,6 +87,13 @@ class Place:
             return spec.compile()
         except ValueError as error:
             raise ValueError(f"place {self.name} does not compile: {_one_line(error)}") from None
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the compiled place: what its file includes and its meshes count as well."""
+        content = np.zeros(mujoco.mj_sizeModel(self.model), dtype=np.uint8)
+        mujoco.mj_saveModel(self.model, None, content)
+        return hashlib.sha256(content.tobytes()).hexdigest()
 
     @cached_property
     def bounds_m(self) -> np.ndarray:

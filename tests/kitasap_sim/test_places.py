@@ -185,3 +185,15 @@ def test_the_robot_drives_its_scripted_track_at_twenty_centimetres_a_second(make
     assert np.median([v for v in speeds_mps if v > 0.05]) == pytest.approx(0.2, rel=0.01)
     # the ideal robot's odometry is true to millimetres over 9 m
     assert np.hypot(*(simulation.truth().pose[:2] - place.track_m[-1])) < 0.01
+
+
+def test_the_digest_changes_with_what_a_place_includes(tmp_path):
+    place_file = tmp_path / "place.xml"
+    part = tmp_path / "part.xml"
+    include = '<include file="part.xml"/>'
+    place_file.write_text(FLOOR_AND_WALLS.format(floor="", more=include))
+    digests = []
+    for size in ("0.1", "0.1", "0.2"):
+        part.write_text(f'<mujocoinclude><geom size="{size}" pos="1 1 0.1"/></mujocoinclude>')
+        digests.append(Place(place_file).digest)
+    assert digests[0] == digests[1] != digests[2]
