@@ -189,7 +189,7 @@ def main(arguments: list[str] | None = None) -> int:
         status = app(arguments, prog_name="kitasap", standalone_mode=False)
     except _WrongUsage as error:
         return _refused(error.format_message())  # type: ignore[attr-defined]
-    except (ValueError, OSError, RuntimeError) as error:
+    except (ValueError, OSError, RuntimeError, ImportError) as error:
         if os.environ.get("KITASAP_TRACEBACK"):
             raise
         return _refused(_reason(error))

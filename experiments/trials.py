@@ -17,7 +17,9 @@ from experiments.paper import VICINITY_M, VICINITY_RAD
 from kitasap_sim.laser import laser
 from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2, odometry_preset
+from kitasap_sim.simulation import Simulation
 from slam.measurements import LaserScan
+from slam.open3d_backend import load_open3d
 from slam.scan_match import ScanMatch
 from slam.se2 import SE2, wrap_angle
 
@@ -56,7 +58,10 @@ class TrialConfig:
         checked_methods(self.methods)
         odometry_preset(self.odometry)
         laser(self.laser)
+        # whatever is wrong with the place, or the system, is said before the first trial
         _ = self.known_place.place.free_centres_m
+        Simulation(self.known_place.place, None, self.odometry, rng=np.random.default_rng(0))
+        load_open3d()
         return self
 
     @property

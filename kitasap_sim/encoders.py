@@ -34,4 +34,4 @@ class DeadReckoning:
         chord_m = moved_m * np.sinc(turned / (2 * math.pi))
         middle = self.pose[2] + turned / 2
         self.pose += [chord_m * math.cos(middle), chord_m * math.sin(middle), turned]
-        return self.pose
+        return self.pose.copy()

@@ -5,13 +5,15 @@ Paper, Section 4.1: "the robot is lifted and is moved compulsorily".
 
 import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 import mujoco
 import numpy as np
 
 from kitasap_sim import names
 from kitasap_sim.simulation import SensorFrame, Simulation, turned_to
+
+Wheels = Literal["held", "coast"]
 
 LIFT_M = 0.10
 """The paper does not say how high; chosen: clear of the floor, and out from under a table."""
@@ -60,7 +62,7 @@ class Kidnap:
 def kidnap(
     simulation: Simulation,
     pose: np.ndarray,
-    wheels: Literal["held", "coast"] = "held",
+    wheels: Wheels = "held",
     operator: Operator | None = None,
 ) -> Kidnap:
     """Carries the robot to x, y [m], heading [rad], exactly; `Operator.aimed` makes it human.
@@ -69,6 +71,8 @@ def kidnap(
     The robot is lifted 10 cm and carried around the furniture and through doors, not over them.
     Raises ValueError if it cannot stand at the pose, or does not stand free now.
     """
+    if wheels not in get_args(Wheels):
+        raise ValueError(f"wheels are {' or '.join(get_args(Wheels))}, not '{wheels}'")
     operator = operator or Operator()
     pose = np.asarray(pose, dtype=float)
     start = simulation.truth().pose

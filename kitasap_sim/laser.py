@@ -55,10 +55,24 @@ class LaserSpec:
     mount_m: tuple[float, float, float] = LOW_FRONT_M
 
     def __post_init__(self) -> None:
-        if self.beam_count < 1 or self.step_rad <= 0 or self.period_s <= 0 or self.interlace < 1:
+        sizes = (self.beam_count, self.step_rad, self.period_s, self.interlace)
+        if not all(math.isfinite(size) and size > 0 for size in sizes):
             raise ValueError(
                 f"laser {self.name}: beam_count, step_rad, period_s and interlace must be positive"
             )
+        if not 0 <= self.range_min_m < self.range_max_m or not self.resolution_m >= 0:
+            raise ValueError(
+                f"laser {self.name}: needs 0 <= range_min_m < range_max_m and resolution_m >= 0"
+            )
+        if not (0 <= self.dropout_rate <= 1 and 0 <= self.mixed_pixel_rate <= 1):
+            raise ValueError(f"laser {self.name}: rates lie between 0 and 1")
+        at_m, sigmas_m = [at for at, _ in self.sigma_at_m], [sigma for _, sigma in self.sigma_at_m]
+        if at_m != sorted(set(at_m)) or not all(sigma > 0 for sigma in sigmas_m):
+            raise ValueError(
+                f"laser {self.name}: sigma_at_m needs increasing ranges and sigmas above 0"
+            )
+        if not self.mount_m[2] > 0:
+            raise ValueError(f"laser {self.name}: mount_m lies {self.mount_m[2]} m above the floor")
         if self.beam_count * self.step_rad > 2 * math.pi + 1e-9:
             raise ValueError(
                 f"laser {self.name}: {self.beam_count} beams of {self.step_rad:.6f} rad "

@@ -21,6 +21,9 @@ from kitasap_sim.robot import (
 )
 
 _SETTLE_S = 0.5
+_STAND_TOLERANCE_M = 0.004
+"""Two bumps of a rough floor, and what tires as worn as one likes make."""
+_STAND_TOLERANCE_MPS = 0.01
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class Simulation:
         self.laser = laser_preset(laser) if isinstance(laser, str) else laser
         self.odometry = odometry_preset(odometry) if isinstance(odometry, str) else odometry
         self._rng = rng
-        self.model = self._build().compile()
+        self.model = self._compiled()
         self.data = mujoco.MjData(self.model)
         self._base = self.model.body(names.BASE).id
         self._qpos = self.model.joint(names.BASE).qposadr[0]
@@ -99,11 +102,15 @@ class Simulation:
         """Puts the robot at rest at x, y [m], heading [rad] (default: the place's start), time 0.
 
         The first frame comes after the first sweep; the encoders start at 0.
+        Raises ValueError if the pose is not three finite numbers.
         """
+        pose = self.place.start if pose is None else np.asarray(pose, dtype=float)
+        if pose.shape != (3,) or not np.isfinite(pose).all():
+            raise ValueError(f"a pose is three finite numbers, x, y and heading, not {pose}")
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self._rest
-        self._move_base(self.place.start if pose is None else np.asarray(pose, dtype=float))
-        self._sweep_end_s = math.inf if self.laser is None else float(self.laser.delays_s().max())
+        self._move_base(pose)
+        self._sweep = 0
 
     def drive(self, v_mps: float, w_radps: float) -> None:
         """Commands a forward speed [m/s] and a turn rate [rad/s], as the robot believes them."""
@@ -115,8 +122,7 @@ class Simulation:
 
     def step(self) -> SensorFrame | None:
         """One physics step; the frame of the sweep that this step completed, if it did."""
-        mujoco.mj_step(self.model, self.data)
-        return self._frame_if_due()
+        return self._stepped(1)
 
     def frames(self, duration_s: float = math.inf) -> Iterator[SensorFrame]:
         """Steps on for a while and yields each frame as it comes; commands may change between."""
@@ -125,8 +131,7 @@ class Simulation:
             # sensors are computed at the start of a step: the beam at t is there one step later
             until_s = min(left_s, self._sweep_end_s - self.time_s + self.timestep_s, 0.1)
             count = max(1, round(until_s / self.timestep_s))
-            mujoco.mj_step(self.model, self.data, nstep=count)
-            frame = self._frame_if_due()
+            frame = self._stepped(count)
             if frame is not None:
                 yield frame
 
@@ -182,18 +187,34 @@ class Simulation:
         """The place with a floor, the robot as built and the floor's bumps in it."""
         world = self.place.mjcf()
         if not self.place.has_floor:
-            world.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.1])
+            # said in full: a place's defaults may make its geoms untouchable, or thick
+            world.worldbody.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_PLANE,
+                size=[0, 0, 0.1],
+                contype=1,
+                conaffinity=1,
+                margin=0,
+                gap=0,
+            )
         if self.odometry.bumps_per_m2 > 0:
             add_bumps(world, self.odometry, self.place.bounds_m, self._rng)
         robot = robot_mjcf(self.laser, self.odometry)
-        for option in ("timestep", "integrator", "cone", "impratio", "jacobian"):
-            setattr(world.option, option, getattr(robot.option, option))
+        # the robot's physics, whatever the place was made for: gravity, solver and flags as well
+        world.option = robot.option
         world.attach(robot, prefix=names.PREFIX, frame=world.worldbody.add_frame())
         return world
+
+    def _compiled(self) -> mujoco.MjModel:
+        try:
+            return self._build().compile()
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise ValueError(f"place {self.place.name} with the robot in it: {reason}") from None
 
     def _find_beams(self) -> None:
         """Where the fan lies in MuJoCo's arrays."""
         count = 0 if self.laser is None else self.laser.beam_count
+        self._delays_s = np.zeros(0) if self.laser is None else self.laser.delays_s()
         beams = [names.PREFIX + names.beam(i) for i in range(count)]
         self._beam_sites = np.array([self.model.site(name).id for name in beams], dtype=int)
         sensors = np.array([self.model.sensor(name).id for name in beams], dtype=int)
@@ -206,9 +227,22 @@ class Simulation:
         mujoco.mj_resetData(self.model, self.data)
         self._move_base(self.place.start)
         mujoco.mj_step(self.model, self.data, nstep=round(_SETTLE_S / self.timestep_s))
+        self._check_stand()
         rest = self.data.qpos.copy()
         rest[self._wheel_qpos] = 0.0
         return rest
+
+    def _check_stand(self) -> None:
+        """Raises ValueError unless the robot stands still and upright on its wheels."""
+        truth = self.truth()
+        speed_mps = float(np.abs(self.data.qvel[self._qvel : self._qvel + 3]).max())
+        off_m = truth.height_m - KITASAP2.axle_height_m
+        if not (abs(off_m) < _STAND_TOLERANCE_M and speed_mps < _STAND_TOLERANCE_MPS):
+            raise ValueError(
+                f"place {self.place.name}: put down at its start, the robot does not stand on a "
+                f"floor at z = 0 (axle {1000 * off_m:.1f} mm off its height after {_SETTLE_S} s): "
+                "does the floor let things touch it, and is nothing in the way?"
+            )
 
     def _move_base(self, pose: np.ndarray) -> None:
         """Sets x, y and heading, and keeps height and tilt."""
@@ -217,20 +251,44 @@ class Simulation:
         base[3:] = turned_to(base[3:], heading)
         base[:2] = x, y
 
-    def _frame_if_due(self) -> SensorFrame | None:
-        """The frame, if the step just made had all beams of a sweep behind it."""
-        # the sensors' own clock is the start of the last step
-        if self.laser is None or self.time_s - self.timestep_s < self._sweep_end_s - 1e-9:
-            return None
-        fired_s = self.data.history[self._beam_clock]
-        frame = SensorFrame(
+    @property
+    def _sweep_end_s(self) -> float:
+        """When the last beam of the present sweep is fired [s]."""
+        if self.laser is None:
+            return math.inf
+        return self._sweep * self.laser.period_s + float(self._delays_s.max())
+
+    def _stepped(self, count: int) -> SensorFrame | None:
+        """Some steps; the frame of a sweep whose last beam is fired in the last of them."""
+        if count > 1:
+            mujoco.mj_step(self.model, self.data, nstep=count - 1)
+        # a step computes the sensors at its start
+        is_last_of_sweep = self.time_s > self._sweep_end_s - 1e-9
+        before = self._beams_now() if is_last_of_sweep else None
+        mujoco.mj_step(self.model, self.data)
+        return None if before is None else self._frame(before)
+
+    def _beams_now(self) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) latest exact ranges [m], and (N,) when each was taken [s]."""
+        return self.fan_ranges_m(), self.data.history[self._beam_clock]
+
+    def _frame(self, before: tuple[np.ndarray, np.ndarray]) -> SensorFrame:
+        """The frame of the sweep just completed. before: the beams one step ago.
+
+        Where a laser sees all around, that step may have fired the next sweep's first beams too.
+        """
+        assert self.laser is not None
+        ranges_m, fired_s = self._beams_now()
+        is_of_next = fired_s - self._delays_s > (self._sweep + 1) * self.laser.period_s - 1e-6
+        ranges_m = np.where(is_of_next, before[0], ranges_m)
+        fired_s = np.where(is_of_next, before[1], fired_s)
+        self._sweep += 1
+        return SensorFrame(
             time_s=self.time_s,
             wheel_ticks=self.wheel_ticks(),
-            ranges_m=measured_ranges(self.laser, self.fan_ranges_m(), self._rng),
+            ranges_m=measured_ranges(self.laser, ranges_m, self._rng),
             beam_times_s=fired_s,
         )
-        self._sweep_end_s += self.laser.period_s
-        return frame
 
 
 def turned_to(quaternion: np.ndarray, heading: float) -> np.ndarray:

@@ -84,7 +84,9 @@ def extract_lines(
     sigmas_m = np.maximum(config.range_sigma_m, config.range_sigma_ratio * ranges_m)
     lines: list[ScanLine] = []
     for run in _unbroken_runs(points_base, config.max_gap_m):
-        pieces = _split(points_base, sigmas_m, run, config)
+        split = _split(points_base, sigmas_m, run, config)
+        # one spot told many times (some drivers write 0 for "invalid") has no direction
+        pieces = [piece for piece in split if np.ptp(points_base[piece], axis=0).any()]
         fits = [_fit(points_base[piece], sigmas_m[piece], config) for piece in pieces]
         lines += [
             fit.line

@@ -22,11 +22,6 @@ def pose_errors(estimated: ArrayLike, true: ArrayLike) -> FloatArray:
     return np.asarray(errors)
 
 
-def position_errors_m(estimated: ArrayLike, true: ArrayLike) -> FloatArray:
-    """Distance between estimated and true positions (N,) [m]."""
-    return np.asarray(np.hypot(*pose_errors(estimated, true)[:, :2].T))
-
-
 def absolute_trajectory_error_m(
     estimated: ArrayLike, true: ArrayLike, is_aligned: bool = False
 ) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from slam.arrays import FloatArray, frozen_array
 from slam.se2 import wrap_angle
 
+_UNIT_TOLERANCE = 0.01
 _TUM_HEADER = "# time_s x y z qx qy qz qw"
 
 
@@ -107,5 +108,7 @@ def _tum_row(fields: list[str], place: str) -> tuple[float, float, float, float]
     if not all(map(math.isfinite, values)):
         raise ValueError(f"{place}: a number is not finite")
     time_s, x, y, _, qx, qy, qz, qw = values
+    if abs(qx**2 + qy**2 + qz**2 + qw**2 - 1.0) > _UNIT_TOLERANCE:
+        raise ValueError(f"{place}: the quaternion {qx} {qy} {qz} {qw} is not of length 1")
     yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
     return time_s, x, y, yaw

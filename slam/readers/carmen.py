@@ -135,6 +135,8 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
                 if b"\0" in line:
                     raise ValueError(f"{path.name} line {number}: binary, not a CARMEN log")
                 fields = line.decode("utf-8").split()
+                if fields and not line.endswith(b"\n") and _is_cut(fields[0]):
+                    raise ValueError(f"{path.name} line {number}: cut within its first word")
                 if fields and not fields[0].startswith("#"):
                     yield number, fields
     except UnicodeDecodeError as error:
@@ -143,6 +145,11 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise ValueError(
             f"{path.name}: the gzip file is cut or damaged after line {number} ({error})"
         ) from error
+
+
+def _is_cut(word: str) -> bool:
+    """Whether a word is the beginning of a keyword, and no more."""
+    return any(key.startswith(word) and key != word for key in ("ODOM", "FLASER", "PARAM"))
 
 
 def _opened(path: Path) -> gzip.GzipFile:
@@ -164,7 +171,7 @@ def _scan_record(fields: list[str], place: str, config: CarmenConfig) -> tuple[C
     """The record of a FLASER line, and the sensor's pose in the frame of the odometry."""
     announced = fields[1] if len(fields) > 1 else "no number of"
     found = max(len(fields) - 2 - _FIELDS_AFTER_RANGES, 0)
-    if not announced.isdigit() or int(announced) != found:
+    if not announced.isdecimal() or int(announced) != found:
         raise ValueError(f"{place}: FLASER announces {announced} ranges, found {found}")
     ranges_m = np.array(_numbers(fields[2 : 2 + found], place))
     poses = _numbers(fields[2 + found : 8 + found], place)

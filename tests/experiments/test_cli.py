@@ -136,3 +136,16 @@ def test_table_and_folder_are_printed(tmp_path, run_trials, capsys):
     assert "1.40 | -1.00" in printed.out
     assert printed.out.splitlines()[-1] == f"results and figures: {tmp_path}/localization"
     assert "localization 2 of 2: succeeded: odometry " in printed.err
+
+
+def test_missing_system_library_is_said_before_the_first_trial(monkeypatch, capsys, tmp_path):
+    import experiments.trials as trials
+
+    def missing():
+        raise ImportError("Open3D needs the system library libGL.so: apt-get install libgl1")
+
+    monkeypatch.setattr(trials, "load_open3d", missing)
+    assert main(["run", "localization", "--out", str(tmp_path / "out")]) == 2
+    printed = capsys.readouterr().err.strip().splitlines()
+    assert printed == ["kitasap: Open3D needs the system library libGL.so: apt-get install libgl1"]
+    assert not (tmp_path / "out").exists()

@@ -63,3 +63,20 @@ def test_the_operator_is_as_inaccurate_as_he_says():
     aimed = np.array([Operator().aimed(np.zeros(3), rng) for _ in range(4000)])
     # 4000 draws: a standard deviation is known to 1.1 %
     assert aimed.std(axis=0) == pytest.approx([0.01, 0.01, 0.02], rel=0.05)
+
+
+def test_coasting_wheels_turn_on_where_held_ones_are_stopped(box_room, make):
+    counts = {}
+    for wheels in ("held", "coast"):
+        simulation = make(box_room)
+        simulation.reset(np.array([1.0, 2.0, 0.0]))
+        simulation.drive(0.3, 0.0)
+        simulation.run(1.0)  # taken while it drives
+        done = kidnap(simulation, np.array([1.0, 1.0, 0.0]), wheels)
+        counts[wheels] = (done.ticks_after - done.ticks_before).min()
+    assert counts["coast"] > 1.5 * counts["held"]
+
+
+def test_wheels_are_held_or_coast_and_nothing_else(box_room, make):
+    with pytest.raises(ValueError, match="wheels are held or coast, not 'Held'"):
+        kidnap(make(box_room), np.array([1.0, 1.0, 0.0]), "Held")

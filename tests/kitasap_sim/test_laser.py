@@ -109,3 +109,19 @@ def test_an_impossible_laser_is_refused():
         LaserSpec("mine", 0, 0.0, math.radians(1), 0.1)
     with pytest.raises(ValueError, match="after the period"):
         LaserSpec("mine", 360, 0.0, math.radians(1), 0.1, first_beam_s=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"range_min_m": 6.0}, "range_min_m < range_max_m"),
+        ({"resolution_m": -0.001}, "resolution_m >= 0"),
+        ({"dropout_rate": 2.0}, "between 0 and 1"),
+        ({"sigma_at_m": ((2.0, 0.01), (1.0, 0.02))}, "increasing ranges"),
+        ({"period_s": math.nan}, "must be positive"),
+        ({"mount_m": (0.2, 0.0, -0.1)}, "above the floor"),
+    ],
+)
+def test_figures_that_no_laser_has_are_refused(change, reason):
+    with pytest.raises(ValueError, match=reason):
+        replace(laser("urg_04lx"), **change)

@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from kitasap_sim import Simulation
+from kitasap_sim import LASERS, Place, Simulation
 from kitasap_sim.laser import laser
 from kitasap_sim.places import place_names
 
@@ -110,3 +110,59 @@ def test_no_place_gives_a_warning_within_sixty_seconds(name):
     simulation.run(60.0)
     assert [warning.number for warning in simulation.data.warning] == [0] * 7
     assert simulation.truth().height_m == pytest.approx(0.075, abs=5e-3)
+
+
+@pytest.mark.parametrize("name", LASERS)
+def test_a_frame_holds_the_beams_of_one_sweep(box_room, make, name):
+    simulation = make(box_room, name)
+    simulation.drive(0.1, 0.3)
+    period_s, delays_s = simulation.laser.period_s, simulation.laser.delays_s()
+    for sweep, frame in enumerate(simulation.run(1.0)):
+        # a laser that sees all around fires the next sweep's first beam within the same step
+        late_s = frame.beam_times_s - (sweep * period_s + delays_s)
+        assert late_s.min() > -1e-6
+        assert late_s.max() < simulation.timestep_s + 1e-6
+
+
+def test_a_place_cannot_change_the_robots_physics(place_file, make):
+    room = """
+    <mujoco>
+      <option gravity="0 0 -1.6" wind="5 0 0" density="100" timestep="0.01">
+        <flag contact="disable" sensor="disable" actuation="disable" equality="disable"/>
+      </option>
+      <default><geom contype="0" conaffinity="0" margin="0.01"/></default>
+      <worldbody>
+        <geom type="box" size="0.05 3 0.5" pos="3 0 0.5"/>
+        <site name="start"/>
+      </worldbody>
+    </mujoco>
+    """
+    simulation = make(Place(place_file(room)))
+    assert simulation.truth().height_m == pytest.approx(0.075, abs=1e-4)
+    simulation.drive(0.2, 0.0)
+    simulation.run(2.0)
+    assert simulation.truth().speed_mps == pytest.approx(0.2, rel=0.01)
+    assert np.isfinite(simulation.next_frame().ranges_m).any()
+
+
+@pytest.mark.parametrize(
+    ("geoms", "reason"),
+    [
+        ('<geom type="plane" size="9 9 1" pos="0 0 0.5"/>', "does not stand on a floor at z = 0"),
+        ('<geom type="plane" size="9 9 1"/><geom name="kitasap2/hull" size="1"/>', "repeated name"),
+    ],
+)
+def test_a_place_that_the_robot_cannot_stand_in_is_refused_in_one_line(
+    place_file, make, geoms, reason
+):
+    wall = '<geom type="box" size="0.1 3 0.5" pos="3 0 0.5"/><site name="start"/>'
+    with pytest.raises(ValueError, match=reason) as caught:
+        make(place_file(f"<mujoco><worldbody>{geoms}{wall}</worldbody></mujoco>"))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pose_that_is_none_is_refused(box_room, make):
+    simulation = make(box_room)
+    for pose in ([np.nan, 0, 0], [1.0, 1.0]):
+        with pytest.raises(ValueError, match="three finite numbers"):
+            simulation.reset(np.array(pose))

@@ -220,3 +220,10 @@ def test_whole_log_has_the_records_it_is_known_to_have(name, scans, odometry, be
     assert (log.scan_count, len(log.records) - log.scan_count) == (scans, odometry)
     assert len(next(log.measurements()).scan.ranges_m) == beams
     assert max(m.scan.ranges_m[m.scan.is_hit].max() for m in log.measurements()) < 50.0
+
+
+def test_a_log_cut_within_a_keyword_is_refused(tmp_path):
+    whole = "ODOM 0 0 0 0 0 0 1.0 nohost 1.0\n"
+    (tmp_path / "cut.clf").write_text(whole + "FLAS")
+    with pytest.raises(ValueError, match=r"cut\.clf line \d+: cut within its first word"):
+        read_carmen(tmp_path / "cut.clf")

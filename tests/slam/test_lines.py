@@ -143,3 +143,13 @@ def test_kidnapped_robot_is_lost_or_far_from_sure():
 def test_walls_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"segments must have shape \(N, 2, 2\)"):
         LineMap(np.zeros((3, 4)))
+
+
+def test_many_returns_from_one_spot_are_no_line():
+    # some drivers send 0.0 for "invalid": a hundred points in one place
+    ranges_m = np.full(181, 2.0)
+    ranges_m[40:140] = 0.0
+    angles_rad = np.radians(np.arange(-90.0, 91.0))
+    scan = LaserScan(0.0, angles_rad, ranges_m)
+    lines = extract_lines(scan, SE2.identity(), LineExtractionConfig())
+    assert all(line.length_m > 0.0 for line in lines)

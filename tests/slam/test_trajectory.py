@@ -59,3 +59,9 @@ def test_times_outside_or_going_back_are_refused():
         Trajectory([0.0, 1.0], np.zeros((2, 3))).at([1.1])
     with pytest.raises(ValueError, match="increase"):
         Trajectory([1.0, 0.0], np.zeros((2, 3))).at([0.5])
+
+
+def test_a_quaternion_that_is_none_is_refused(tmp_path):
+    (tmp_path / "zero.tum").write_text("1.0 0 0 0 0 0 0 0\n")
+    with pytest.raises(ValueError, match=r"zero\.tum line 1: the quaternion .* not of length 1"):
+        read_tum(tmp_path / "zero.tum")
