@@ -145,7 +145,8 @@ def _config(poses: str, place: str, laser: str, odometry: str, method: str | Non
     from experiments.trials import TrialConfig
 
     methods = tuple(METHODS) if method is None else tuple(method.split(","))
-    return TrialConfig(poses, place, laser, odometry, methods)  # type: ignore[arg-type]  # checked
+    # any word may be typed for poses: TrialConfig.checked() refuses the wrong ones
+    return TrialConfig(poses, place, laser, odometry, methods)  # type: ignore[arg-type]
 
 
 def _executed(run: "Run", jobs: int | None) -> dict:
@@ -181,13 +182,17 @@ def _executed(run: "Run", jobs: int | None) -> dict:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The exit status: 0 done, 1 fell short, 2 wrong usage or unreadable input, in one line."""
+    """The exit status: 0 done, 1 fell short, 2 wrong usage or unreadable input, in one line.
+
+    KITASAP_TRACEBACK in the environment lets the exception behind that line through.
+    """
     # one thread each: the trials are spread over processes, and sums keep their order
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:
         status = app(arguments, prog_name="kitasap", standalone_mode=False)
     except _WrongUsage as error:
+        # looked up by name above, so the type checker cannot know the method
         return _refused(error.format_message())  # type: ignore[attr-defined]
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         if os.environ.get("KITASAP_TRACEBACK"):

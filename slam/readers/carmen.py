@@ -156,6 +156,7 @@ def _opened(path: Path) -> gzip.GzipFile:
     """The file as a stream of lines; told from its first bytes, since names lie."""
     with path.open("rb") as file:
         is_gzip = file.read(2) == b"\x1f\x8b"
+    # a plain binary file has all that is used of a GzipFile here: its lines, and its end
     return gzip.open(path, "rb") if is_gzip else path.open("rb")  # type: ignore[return-value]
 
 
