@@ -1,5 +1,7 @@
 """The compiled geometry of a place, cut at a height: the very surfaces that beams hit."""
 
+from collections.abc import Iterable
+
 import mujoco
 import numpy as np
 
@@ -17,8 +19,11 @@ _BOX_FACES = np.array(
 )
 
 
-def static_triangles(model: mujoco.MjModel, *, seen_only: bool) -> list[np.ndarray]:
-    """Triangles (F, 3, 3) in the world [m] of each static geom; floors are among them.
+_CUTS_PER_GEOM = 8
+
+
+def static_triangles(model: mujoco.MjModel, *, seen_only: bool) -> dict[int, np.ndarray]:
+    """Triangles (F, 3, 3) in the world [m] of each static geom by its id; floors are among them.
 
     seen_only: leave out what beams pass over (no alpha).
     Raises ValueError for kinds of geom that have no surface here (height fields, SDFs).
@@ -26,13 +31,13 @@ def static_triangles(model: mujoco.MjModel, *, seen_only: bool) -> list[np.ndarr
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     static = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
-    triangles = []
+    triangles = {}
     for geom in static.tolist():
         if seen_only and not _is_seen(model, geom):
             continue
         local = _triangles(model, geom)
         rotation = data.geom_xmat[geom].reshape(3, 3)
-        triangles.append(local @ rotation.T + data.geom_xpos[geom])
+        triangles[geom] = local @ rotation.T + data.geom_xpos[geom]
     return triangles
 
 
@@ -52,6 +57,22 @@ def slice_at(triangles: np.ndarray, height_m: float) -> np.ndarray:
     return points[is_cut].reshape(-1, 2, 2)
 
 
+def cuts_at(solids: Iterable[np.ndarray], height_m: float) -> np.ndarray:
+    """(S, 2, 2) segments [m] in which solids (each its triangles) meet a horizontal plane."""
+    return np.concatenate([np.empty((0, 2, 2)), *(slice_at(solid, height_m) for solid in solids)])
+
+
+def cuts_between(solids: Iterable[np.ndarray], low_m: float, high_m: float) -> np.ndarray:
+    """(S, 2, 2) segments [m] of solids cut at heights from low to high: a thin board counts too."""
+    share = np.linspace(0.02, 0.98, _CUTS_PER_GEOM)
+    cuts = [np.empty((0, 2, 2))]
+    for solid in solids:
+        bottom_m, top_m = np.clip([solid[:, :, 2].min(), solid[:, :, 2].max()], low_m, high_m)
+        if top_m > bottom_m:
+            cuts += [slice_at(solid, height) for height in bottom_m + share * (top_m - bottom_m)]
+    return np.concatenate(cuts)
+
+
 def points_on(segments: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (K, 2) at most spacing_m apart along segments (S, 2, 2), and (K,) whose they are.
 
@@ -64,6 +85,14 @@ def points_on(segments: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.nd
     share = (np.arange(counts.sum()) - firsts) / np.repeat(counts - 1, counts)
     start, end = segments[owners, 0], segments[owners, 1]
     return start + share[:, None] * (end - start), owners
+
+
+def visible_runs(points: np.ndarray, owners: np.ndarray, is_visible: np.ndarray) -> np.ndarray:
+    """(S, 2, 2) longest stretches of visible points on each segment."""
+    is_joined = is_visible[1:] & is_visible[:-1] & (owners[1:] == owners[:-1])
+    edges = np.diff(np.concatenate([[False], is_joined, [False]]).astype(int))
+    firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    return np.stack([points[firsts], points[lasts]], axis=1)
 
 
 def _is_seen(model: mujoco.MjModel, geom: int) -> bool:

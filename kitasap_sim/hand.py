@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from kitasap_sim import names
-from kitasap_sim.simulation import SensorFrame, Simulation, turned_to
+from kitasap_sim.orientation import turned_to
+from kitasap_sim.simulation import SensorFrame, Simulation
 
 Wheels = Literal["held", "coast"]
 
@@ -76,7 +77,7 @@ def kidnap(
     operator = operator or Operator()
     pose = np.asarray(pose, dtype=float)
     start = simulation.truth().pose
-    way_m = simulation.place.way(start[:2], pose[:2])
+    way_m = simulation.world.way(start[:2], pose[:2])
     ticks_before = simulation.wheel_ticks()
     simulation.drive(0.0, 0.0)
     with _motors(simulation, is_on=wheels == "held"):

@@ -35,6 +35,7 @@ class LaserSpec:
     mixed_pixel_rate: share of the beams at a range jump of over mixed_pixel_jump_m that give a
         range between the near and the far surface; 0 switches mixed pixels off.
     mount_m: origin in the robot's frame, z above the floor [m].
+    range_bias_m: what every range reads too long, whatever the distance; 0 switches it off.
     """
 
     name: str
@@ -53,6 +54,7 @@ class LaserSpec:
     mixed_pixel_rate: float = 0.0
     mixed_pixel_jump_m: float = 0.1
     mount_m: tuple[float, float, float] = LOW_FRONT_M
+    range_bias_m: float = 0.0
 
     def __post_init__(self) -> None:
         sizes = (self.beam_count, self.step_rad, self.period_s, self.interlace)
@@ -73,6 +75,8 @@ class LaserSpec:
             )
         if not self.mount_m[2] > 0:
             raise ValueError(f"laser {self.name}: mount_m lies {self.mount_m[2]} m above the floor")
+        if not math.isfinite(self.range_bias_m):
+            raise ValueError(f"laser {self.name}: range_bias_m must be a finite number")
         if self.beam_count * self.step_rad > 2 * math.pi + 1e-9:
             raise ValueError(
                 f"laser {self.name}: {self.beam_count} beams of {self.step_rad:.6f} rad "
@@ -113,6 +117,7 @@ class LaserSpec:
             sigma_at_m=(),
             dropout_rate=0.0,
             mixed_pixel_rate=0.0,
+            range_bias_m=0.0,
         )
 
 
@@ -121,8 +126,8 @@ def measured_ranges(
 ) -> np.ndarray:
     """(N,) what the sensor reports for true ranges (N,), +inf where the beam hits nothing [m].
 
-    The order is the light's: mixed pixels where surfaces end, noise, limits, quantisation,
-    dropouts. The same number of random values is drawn whatever happens to the beams.
+    The order is the light's: mixed pixels where surfaces end, bias, noise as wide as at the
+    unbiased range, quantisation, limits, dropouts. The same number of random values is drawn whatever happens to the beams.
     """
     ranges_m = np.array(true_ranges_m, dtype=float)
     chosen, share, normal, dropped = (
@@ -134,7 +139,7 @@ def measured_ranges(
     if spec.mixed_pixel_rate > 0:
         ranges_m = _with_mixed_pixels(spec, ranges_m, chosen, share)
     is_hit = np.isfinite(ranges_m)
-    ranges_m[is_hit] += spec.sigma_m(ranges_m[is_hit]) * normal[is_hit]
+    ranges_m[is_hit] += spec.range_bias_m + spec.sigma_m(ranges_m[is_hit]) * normal[is_hit]
     if spec.resolution_m > 0:
         ranges_m[is_hit] = np.round(ranges_m[is_hit] / spec.resolution_m) * spec.resolution_m
     ranges_m[ranges_m > spec.range_max_m] = np.inf

@@ -18,6 +18,15 @@ TRACK_PREFIX = "track_"
 """Sites of a place that make its scripted track, in the order of their names."""
 
 
+LEGS = ("left_leg", "right_leg")
+"""Bodies of a person's own file, left, right, in this order always."""
+
+
+def person(index: int) -> str:
+    """Prefix of one person's bodies in a simulated place."""
+    return f"person_{index}/"
+
+
 def beam(index: int) -> str:
     """Name of one beam's site and sensor in the robot's own file."""
     return f"lrs_{index:04d}"

@@ -1,6 +1,7 @@
 """Places: MJCF worlds for the robot, their free space, and their true map at the laser's height."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -9,19 +10,17 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from kitasap_sim import names
+from kitasap_sim import furniture, names
+from kitasap_sim.facing import facing_out
 from kitasap_sim.free_space import Grid, flooded, largest_room, steps_to, way_down, widened
-from kitasap_sim.geometry import points_on, slice_at, static_triangles
-from kitasap_sim.robot import KITASAP2
+from kitasap_sim.geometry import cuts_between, points_on, slice_at, static_triangles, visible_runs
+from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
 
 _FOLDER = files("models") / "places"
 _MAP_CELL_M = 0.005
 _FREE_CELL_M = 0.025
 _MAX_CELLS_ALONG = 3000
 """A large place gets coarser cells rather than gigabytes of them."""
-_SWEPT_HEIGHTS_M = (0.01, 0.45)
-"""Between these the robot and whatever laser it carries may touch something."""
-_CUTS_PER_GEOM = 8
 
 
 def place_names() -> list[str]:
@@ -33,7 +32,8 @@ def place_names() -> list[str]:
 class PlaceMap:
     """What a laser at one height can ever see of a place.
 
-    segments_m: (S, 2, 2) visible parts of the surfaces [m]; points_m(spacing) samples them.
+    segments_m: (S, 2, 2) visible parts of the surfaces [m], each with its open side on the left; a
+    sheet seen from both sides comes twice. points_m(spacing) samples them.
     """
 
     height_m: float
@@ -57,18 +57,27 @@ class Place:
     def __init__(self, name_or_path: str | Path) -> None:
         self.name = str(name_or_path)
         self.path = _find(self.name)
-        self._spec = self._parsed()
+        self._take(self._parsed())
+
+    def _take(self, spec: mujoco.MjSpec) -> None:
+        """Makes this the place's world. Raises ValueError if it cannot be used."""
+        self._spec = spec
         self.model = self._compile(self._spec.copy())
         try:
-            self._seen = static_triangles(self.model, seen_only=True)
-            self._solid = static_triangles(self.model, seen_only=False)
+            self._seen = list(static_triangles(self.model, seen_only=True).values())
+            self._solid = list(static_triangles(self.model, seen_only=False).values())
         except ValueError as error:
             raise ValueError(f"place {self.name}: {error}") from None
-        if not len(self._cut(self._solid, _cut_heights(self._solid))):
+        if not len(self._swept):
             raise ValueError(
-                f"place {self.name} has nothing between {_SWEPT_HEIGHTS_M[0]} and "
-                f"{_SWEPT_HEIGHTS_M[1]} m above its floor: a laser would see nothing"
+                f"place {self.name} has nothing between {SWEPT_HEIGHTS_M[0]} and "
+                f"{SWEPT_HEIGHTS_M[1]} m above its floor: a laser would see nothing"
             )
+
+    @cached_property
+    def _swept(self) -> np.ndarray:
+        """(S, 2, 2) outlines of all that the robot could touch [m]."""
+        return cuts_between(self._solid, *SWEPT_HEIGHTS_M)
 
     def mjcf(self) -> mujoco.MjSpec:
         """The world as an editable specification of its own, the robot not in it."""
@@ -88,6 +97,41 @@ class Place:
         except ValueError as error:
             raise ValueError(f"place {self.name} does not compile: {_one_line(error)}") from None
 
+    def movable(self, height_m: float) -> str:
+        """The name of a piece of furniture that a passer-by may push aside; a chair, if it can be.
+
+        Free-standing, at most 0.8 m wide and deep, and seen by beams at the height.
+        Raises ValueError if there is none.
+        """
+        return furniture.movable(self._pieces, height_m, self.name)
+
+    def pushed(self, name: str, distance_m: float, rng: np.random.Generator) -> tuple[float, float]:
+        """(dx, dy) of that length by which the piece can be pushed, the direction drawn [m].
+
+        It runs into nothing the robot could touch, and leaves the start and the track clear.
+        Raises ValueError if there is no such piece, or no such direction.
+        """
+        kept_free_m = np.concatenate([self.start[None, :2], self.track_m])
+        return furniture.pushed(self._pieces, name, distance_m, kept_free_m, rng, self.name)
+
+    def rearranged(self, moved_m: Mapping[str, tuple[float, float]]) -> "Place":
+        """The same place and start with some pieces moved by (dx, dy) [m].
+
+        Pieces are the named frames, bodies and geoms that stand in the worldbody itself.
+        Raises ValueError, naming those there are, for an unknown piece.
+        """
+        spec = self.mjcf()
+        furniture.shift(spec, moved_m, self.name)
+        place = Place.__new__(Place)
+        place.name, place.path = self.name, self.path
+        place.start = self.start
+        place._take(spec)
+        return place
+
+    @cached_property
+    def _pieces(self) -> dict[str, furniture.Piece]:
+        return furniture.pieces(self._spec)
+
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the compiled place: what its file includes and its meshes count as well."""
@@ -98,7 +142,7 @@ class Place:
     @cached_property
     def bounds_m(self) -> np.ndarray:
         """(2, 2) lower and upper corner of all that stands on the floor, and of the start [m]."""
-        ends = self._cut(self._solid, _cut_heights(self._solid)).reshape(-1, 2)
+        ends = self._swept.reshape(-1, 2)
         if self._start_site is not None:
             ends = np.concatenate([ends, self._start_site[None, :2]])
         return np.array([ends.min(axis=0), ends.max(axis=0)])
@@ -146,7 +190,8 @@ class Place:
 
         The backs of walls and what lies inside other solids are left out: no beam gets there.
         """
-        segments = self._cut(self._seen, np.array([height_m]))
+        outlines = [facing_out(slice_at(solid, height_m)) for solid in self._seen]
+        segments = np.concatenate([np.empty((0, 2, 2)), *outlines])
         if not len(segments):
             raise ValueError(f"place {self.name} has nothing to see at {height_m} m height")
         bounds_m = np.array([segments.min(axis=(0, 1)), segments.max(axis=(0, 1))])
@@ -155,7 +200,7 @@ class Place:
         points, owners = points_on(segments, grid.cell_m / 2)
         # within 1.5 cm of a lit cell: beams see into crevices that are narrower than a cell
         is_visible = widened(lit, 3.0)[tuple(grid.cells(points).T)]
-        return PlaceMap(height_m, _visible_runs(points, owners, is_visible))
+        return PlaceMap(height_m, visible_runs(points, owners, is_visible))
 
     @cached_property
     def free_centres_m(self) -> np.ndarray:
@@ -215,7 +260,7 @@ class Place:
 
     @cached_property
     def _blocked(self) -> np.ndarray:
-        return self._grid.walls(self._cut(self._solid, _cut_heights(self._solid)))
+        return self._grid.walls(self._swept)
 
     @cached_property
     def _free(self) -> np.ndarray:
@@ -240,16 +285,6 @@ class Place:
                 return self._grid.centres_m(np.argwhere(room))[0]
             room = smaller
 
-    def _cut(self, solids: list[np.ndarray], heights_m: np.ndarray) -> np.ndarray:
-        """(S, 2, 2) segments of solids cut at heights: (H,) for all, or (G, H) for each its own."""
-        heights_m = np.broadcast_to(heights_m, (len(solids), heights_m.shape[-1]))
-        cuts = [
-            slice_at(triangles, height)
-            for triangles, heights in zip(solids, heights_m, strict=True)
-            for height in heights
-        ]
-        return np.concatenate([np.empty((0, 2, 2)), *cuts])
-
     def _cell_m(self, bounds_m: np.ndarray, finest_m: float) -> float:
         return max(finest_m, float((bounds_m[1] - bounds_m[0]).max()) / _MAX_CELLS_ALONG)
 
@@ -261,28 +296,6 @@ def _find(name: str) -> Path:
     if path.is_file():
         return path
     raise ValueError(f"no place called '{name}', nor a file; there are: {', '.join(place_names())}")
-
-
-def _cut_heights(solids: list[np.ndarray]) -> np.ndarray:
-    """(G, H) heights within the robot's reach at which to cut each solid: a thin board counts too.
-
-    Solids out of reach get heights below the floor's, where they meet nothing.
-    """
-    low, high = _SWEPT_HEIGHTS_M
-    bottoms = np.array([np.clip(t[:, :, 2].min(), low, high) for t in solids])
-    tops = np.array([np.clip(t[:, :, 2].max(), low, high) for t in solids])
-    share = np.linspace(0.02, 0.98, _CUTS_PER_GEOM)
-    heights = bottoms[:, None] + share * (tops - bottoms)[:, None]
-    heights[tops <= bottoms] = -np.inf
-    return heights
-
-
-def _visible_runs(points: np.ndarray, owners: np.ndarray, is_visible: np.ndarray) -> np.ndarray:
-    """(S, 2, 2) longest stretches of visible points on each segment."""
-    is_joined = is_visible[1:] & is_visible[:-1] & (owners[1:] == owners[:-1])
-    edges = np.diff(np.concatenate([[False], is_joined, [False]]).astype(int))
-    firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return np.stack([points[firsts], points[lasts]], axis=1)
 
 
 def _one_line(error: Exception) -> str:

@@ -35,6 +35,9 @@ class RobotSpec:
 
 KITASAP2 = RobotSpec()
 
+SWEPT_HEIGHTS_M = (0.01, 0.45)
+"""Between these the robot and whatever laser it carries may touch something."""
+
 
 @dataclass(frozen=True)
 class OdometryPreset:

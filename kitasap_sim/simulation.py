@@ -1,7 +1,7 @@
 """The robot in its place: commands in, what its sensors say out, and the truth apart from both."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,14 +11,11 @@ import numpy as np
 from kitasap_sim import encoders, names
 from kitasap_sim.laser import LaserSpec, measured_ranges
 from kitasap_sim.laser import laser as laser_preset
+from kitasap_sim.orientation import heading_of, turned_to
+from kitasap_sim.people import TICK_S, People
 from kitasap_sim.places import Place
-from kitasap_sim.robot import (
-    KITASAP2,
-    OdometryPreset,
-    add_bumps,
-    odometry_preset,
-    robot_mjcf,
-)
+from kitasap_sim.robot import KITASAP2, OdometryPreset, odometry_preset
+from kitasap_sim.world import compiled
 
 _SETTLE_S = 0.5
 _STAND_TOLERANCE_M = 0.004
@@ -62,7 +59,10 @@ class Simulation:
 
     place: a name, a path, or a `Place`. laser, odometry: names of presets, or one's own;
     laser None leaves the beams out. rng: all noise of the sensors and the floor's bumps.
-    Raises ValueError for an unknown name or a place that cannot be used.
+    people: so many walk about, seen by the beams; their ways come from a generator spawned from
+    rng, so all else is drawn as without them. moved_m: pieces of furniture that stand (dx, dy) [m]
+    from where `place` and its map have them; `world` is the place as it really is.
+    Raises ValueError for an unknown name, a place that cannot be used or too many people for it.
     """
 
     def __init__(
@@ -72,12 +72,19 @@ class Simulation:
         odometry: str | OdometryPreset = "as_built",
         *,
         rng: np.random.Generator,
+        people: int = 0,
+        moved_m: Mapping[str, tuple[float, float]] | None = None,
     ) -> None:
+        if people < 0:
+            raise ValueError(f"people are 0 or more, not {people}")
         self.place = place if isinstance(place, Place) else Place(place)
+        self.world = self.place.rearranged(moved_m) if moved_m else self.place
         self.laser = laser_preset(laser) if isinstance(laser, str) else laser
         self.odometry = odometry_preset(odometry) if isinstance(odometry, str) else odometry
         self._rng = rng
-        self.model = self._compiled()
+        self.model = compiled(
+            self.world, self.laser, self.odometry, people, self.place.bounds_m, rng
+        )
         self.data = mujoco.MjData(self.model)
         self._base = self.model.body(names.BASE).id
         self._qpos = self.model.joint(names.BASE).qposadr[0]
@@ -85,6 +92,10 @@ class Simulation:
         self._wheel_qpos = [self.model.joint(name).qposadr[0] for name in names.WHEELS]
         self._actuators = [self.model.actuator(name).id for name in names.WHEELS]
         self._find_beams()
+        self._people: People | None = None
+        if people:
+            self._people = People(self.world, self.model, people, rng.spawn(1)[0])
+        self._steps_per_tick = max(1, round(TICK_S / self.timestep_s))
         self._rest = self._settled()
         self.reset()
 
@@ -101,8 +112,8 @@ class Simulation:
     def reset(self, pose: np.ndarray | None = None) -> None:
         """Puts the robot at rest at x, y [m], heading [rad] (default: the place's start), time 0.
 
-        The first frame comes after the first sweep; the encoders start at 0.
-        Raises ValueError if the pose is not three finite numbers.
+        The first frame comes after the first sweep; the encoders start at 0. People set out anew.
+        Raises ValueError if the pose is not three finite numbers, or leaves people no room.
         """
         pose = self.place.start if pose is None else np.asarray(pose, dtype=float)
         if pose.shape != (3,) or not np.isfinite(pose).all():
@@ -111,6 +122,10 @@ class Simulation:
         self.data.qpos[:] = self._rest
         self._move_base(pose)
         self._sweep = 0
+        self._steps = 0
+        if self._people is not None:
+            self._people.reset(pose[:2])
+            self._people.put_legs(self.data)
 
     def drive(self, v_mps: float, w_radps: float) -> None:
         """Commands a forward speed [m/s] and a turn rate [rad/s], as the robot believes them."""
@@ -152,7 +167,7 @@ class Simulation:
     def truth(self) -> Truth:
         """The exact state now; for metrics and pictures only."""
         x, y, z, *quaternion = self.data.qpos[self._qpos : self._qpos + 7]
-        heading = _heading(np.array(quaternion))
+        heading = heading_of(np.array(quaternion))
         vx, vy = self.data.qvel[self._qvel : self._qvel + 2]
         return Truth(
             time_s=self.time_s,
@@ -183,33 +198,9 @@ class Simulation:
         ranges_m = self.data.sensordata[self._beam_data]
         return np.where(ranges_m < 0, np.inf, ranges_m)
 
-    def _build(self) -> mujoco.MjSpec:
-        """The place with a floor, the robot as built and the floor's bumps in it."""
-        world = self.place.mjcf()
-        if not self.place.has_floor:
-            # said in full: a place's defaults may make its geoms untouchable, or thick
-            world.worldbody.add_geom(
-                type=mujoco.mjtGeom.mjGEOM_PLANE,
-                size=[0, 0, 0.1],
-                contype=1,
-                conaffinity=1,
-                margin=0,
-                gap=0,
-            )
-        if self.odometry.bumps_per_m2 > 0:
-            add_bumps(world, self.odometry, self.place.bounds_m, self._rng)
-        robot = robot_mjcf(self.laser, self.odometry)
-        # the robot's physics, whatever the place was made for: gravity, solver and flags as well
-        world.option = robot.option
-        world.attach(robot, prefix=names.PREFIX, frame=world.worldbody.add_frame())
-        return world
-
-    def _compiled(self) -> mujoco.MjModel:
-        try:
-            return self._build().compile()
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise ValueError(f"place {self.place.name} with the robot in it: {reason}") from None
+    def people_m(self) -> np.ndarray:
+        """(N, 2, 2) centres of each person's left and right leg now [m]; for metrics only."""
+        return np.empty((0, 2, 2)) if self._people is None else self._people.legs_m.copy()
 
     def _find_beams(self) -> None:
         """Where the fan lies in MuJoCo's arrays."""
@@ -261,12 +252,28 @@ class Simulation:
     def _stepped(self, count: int) -> SensorFrame | None:
         """Some steps; the frame of a sweep whose last beam is fired in the last of them."""
         if count > 1:
-            mujoco.mj_step(self.model, self.data, nstep=count - 1)
+            self._advance(count - 1)
         # a step computes the sensors at its start
         is_last_of_sweep = self.time_s > self._sweep_end_s - 1e-9
         before = self._beams_now() if is_last_of_sweep else None
-        mujoco.mj_step(self.model, self.data)
+        self._advance(1)
         return None if before is None else self._frame(before)
+
+    def _advance(self, count: int) -> None:
+        """Physics steps; people move at fixed times, however the steps are asked for."""
+        if self._people is None:
+            mujoco.mj_step(self.model, self.data, nstep=count)
+            return
+        while count > 0:
+            taken = min(count, self._steps_per_tick - self._steps % self._steps_per_tick)
+            mujoco.mj_step(self.model, self.data, nstep=taken)
+            self._steps += taken
+            count -= taken
+            if self._steps % self._steps_per_tick == 0:
+                x, y = self.data.qpos[self._qpos : self._qpos + 2].tolist()
+                vx, vy = self.data.qvel[self._qvel : self._qvel + 2].tolist()
+                self._people.advance((x, y), (vx, vy))
+                self._people.put_legs(self.data)
 
     def _beams_now(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) latest exact ranges [m], and (N,) when each was taken [s]."""
@@ -289,17 +296,3 @@ class Simulation:
             ranges_m=measured_ranges(self.laser, ranges_m, self._rng),
             beam_times_s=fired_s,
         )
-
-
-def turned_to(quaternion: np.ndarray, heading: float) -> np.ndarray:
-    """(4,) the orientation w, x, y, z turned about the vertical until it heads there; tilt kept."""
-    half = (heading - _heading(quaternion)) / 2
-    turned = np.zeros(4)
-    mujoco.mju_mulQuat(turned, np.array([math.cos(half), 0, 0, math.sin(half)]), quaternion)
-    return turned
-
-
-def _heading(quaternion: np.ndarray) -> float:
-    """Direction of the x axis seen from above [rad]."""
-    w, x, y, z = quaternion
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

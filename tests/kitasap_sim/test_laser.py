@@ -102,6 +102,19 @@ def test_a_switch_does_not_move_the_other_random_numbers():
     assert np.array_equal(with_drops[is_left], without[is_left])
 
 
+def test_a_bias_shifts_every_range_by_itself_and_moves_no_random_number():
+    spec = replace(laser("urg_04lx"), resolution_m=0.0)
+    true_m = np.append(np.linspace(0.5, 4.0, 681), math.inf)
+    plain, generator = np.random.default_rng(5), np.random.default_rng(5)
+    without = measured_ranges(spec, true_m, plain)
+    shifted = measured_ranges(replace(spec, range_bias_m=0.03), true_m, generator)
+    assert plain.bit_generator.state == generator.bit_generator.state
+    is_hit = np.isfinite(without)
+    assert shifted[is_hit] - without[is_hit] == pytest.approx(0.03, abs=1e-12)
+    assert np.array_equal(shifted[~is_hit], without[~is_hit], equal_nan=True)
+    assert replace(spec, range_bias_m=0.03).without_errors().range_bias_m == 0.0
+
+
 def test_an_impossible_laser_is_refused():
     with pytest.raises(ValueError, match="more than a full turn"):
         LaserSpec("mine", 400, 0.0, math.radians(1), 0.1)
@@ -120,6 +133,7 @@ def test_an_impossible_laser_is_refused():
         ({"sigma_at_m": ((2.0, 0.01), (1.0, 0.02))}, "increasing ranges"),
         ({"period_s": math.nan}, "must be positive"),
         ({"mount_m": (0.2, 0.0, -0.1)}, "above the floor"),
+        ({"range_bias_m": math.nan}, "finite"),
     ],
 )
 def test_figures_that_no_laser_has_are_refused(change, reason):
