@@ -25,14 +25,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-bench_app = typer.Typer(help="Measures the testbed itself.")
+bench_app = typer.Typer()
 app.add_typer(bench_app, name="bench")
 
 Poses = Annotated[str, typer.Option(help="paper: one pair of poses; random: anywhere free.")]
 PlaceName = Annotated[str, typer.Option(help="A place by name, or the path of an MJCF file.")]
 Laser = Annotated[str, typer.Option(help="The laser range sensor carried.")]
 Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
-Methods = Annotated[str | None, typer.Option("--method", help="Some of all methods, by commas.")]
+Methods = Annotated[
+    str | None, typer.Option("--method", help="Methods, by commas; default: paper,open3d,limit.")
+]
+People = Annotated[int, typer.Option(min=0, help="People who walk about.")]
+Mismatch = Annotated[
+    str, typer.Option(help="What is not as assumed: none, noisy, quiet, offset, mount or chair.")
+]
+TurnRate = Annotated[float, typer.Option(help="Of tracking [rad/s].")]
+Duration = Annotated[float, typer.Option(help="Of each drive of tracking [s].")]
 Seed = Annotated[int, typer.Option(min=0, help="Master seed of all random numbers.")]
 Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder per experiment.")]
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]
@@ -44,7 +52,7 @@ _INTERRUPTED = 130
 
 @app.command()
 def run(
-    experiments: Annotated[list[str], typer.Argument(help="localization, kidnap.")],
+    experiments: Annotated[list[str], typer.Argument(help="localization, kidnap, tracking.")],
     trials: Trials = 100,
     seed: Seed = 0,
     jobs: Jobs = None,
@@ -54,11 +62,15 @@ def run(
     laser: Laser = "urg_04lx",
     odometry: Odometry = "as_built",
     method: Methods = None,
+    people: People = 0,
+    mismatch: Mismatch = "none",
+    turn_rate: TurnRate = 0.5,
+    duration: Duration = 30.0,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
     from experiments.runs import Run, experiment_module
 
-    config = _config(poses, place, laser, odometry, method)
+    config = _config(poses, place, laser, odometry, method, people, mismatch, turn_rate, duration)
     for name in experiments:
         experiment_module(name).checked(config)
     has_raised = False
@@ -70,7 +82,7 @@ def run(
 
 @app.command()
 def trial(
-    experiment: Annotated[str, typer.Argument(help="localization or kidnap.")],
+    experiment: Annotated[str, typer.Argument(help="localization, kidnap or tracking.")],
     index: Annotated[int, typer.Option(min=0, help="Number of the trial within its run.")] = 0,
     seed: Seed = 0,
     out: Out = RESULTS,
@@ -79,6 +91,10 @@ def trial(
     laser: Laser = "urg_04lx",
     odometry: Odometry = "as_built",
     method: Methods = None,
+    people: People = 0,
+    mismatch: Mismatch = "none",
+    turn_rate: TurnRate = 0.5,
+    duration: Duration = 30.0,
 ) -> None:
     """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
     from experiments.figures import trial_picture
@@ -86,7 +102,9 @@ def trial(
     from experiments.trials import config_hash, generator
 
     module = experiment_module(experiment)
-    config = module.checked(_config(poses, place, laser, odometry, method))
+    config = module.checked(
+        _config(poses, place, laser, odometry, method, people, mismatch, turn_rate, duration)
+    )
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
     result = module.run_trial(config, generator(experiment, seed, index))
     print(json.dumps(key | {"index": index} | result.record()))
@@ -113,12 +131,33 @@ def picture(
     print(image_file(out, pixels))
 
 
+@bench_app.callback(invoke_without_command=True)
+def bench(context: typer.Context) -> None:
+    """Measures the testbed itself."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
 @bench_app.command("sim")
 def bench_sim(place: PlaceName = "room_fig4", laser: Laser = "urg_04lx") -> None:
     """The simulation's speed as a ratio to bare MuJoCo, and how true its robot drives."""
-    from experiments import bench
+    from experiments.bench.simulation import print_benchmark
 
-    bench.simulation(place, laser)
+    print_benchmark(place, laser)
+
+
+@bench_app.command("registration")
+def bench_registration(
+    trials: Trials = 100,
+    seed: Seed = 0,
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    out: Annotated[Path | None, typer.Option(help="Write the table as JSON to this file.")] = None,
+) -> None:
+    """Processor time and error of one scan registered on a known map, beside other libraries."""
+    from experiments.bench.registration_run import print_benchmark
+
+    print_benchmark(place, laser, trials, seed, out)
 
 
 @app.command("real-log")
@@ -140,13 +179,32 @@ def real_log(
     raise typer.Exit(0 if summary["tracked"] == summary["scans"] else 1)
 
 
-def _config(poses: str, place: str, laser: str, odometry: str, method: str | None) -> "TrialConfig":
-    from experiments.methods import METHODS
+def _config(
+    poses: str,
+    place: str,
+    laser: str,
+    odometry: str,
+    method: str | None,
+    people: int,
+    mismatch: str,
+    turn_rate: float,
+    duration: float,
+) -> "TrialConfig":
+    from experiments.methods import DEFAULT_METHODS
     from experiments.trials import TrialConfig
 
-    methods = tuple(METHODS) if method is None else tuple(method.split(","))
-    # any word may be typed for poses: TrialConfig.checked() refuses the wrong ones
-    return TrialConfig(poses, place, laser, odometry, methods)  # type: ignore[arg-type]
+    return TrialConfig(
+        # any word may be typed for poses: TrialConfig.checked() refuses the wrong ones
+        poses=poses,  # type: ignore[arg-type]
+        place=place,
+        laser=laser,
+        odometry=odometry,
+        methods=DEFAULT_METHODS if method is None else tuple(method.split(",")),
+        people=people,
+        mismatch=mismatch,
+        turn_rate_radps=turn_rate,
+        duration_s=duration,
+    )
 
 
 def _executed(run: "Run", jobs: int | None) -> dict:

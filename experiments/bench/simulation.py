@@ -1,4 +1,4 @@
-"""`kitasap bench`: how fast and how true the testbed is, measured here and now.
+"""`kitasap bench sim`: how fast and how true the simulation is, measured here and now.
 
 Speeds are processor time and ratios within one run: other work on the machine does not move them.
 """
@@ -38,7 +38,7 @@ class SpeedResult:
         return self.with_fan / self.bare
 
 
-def simulation(place_name: str, laser_name: str) -> None:
+def print_benchmark(place_name: str, laser_name: str) -> None:
     """Prints the benchmark of the simulation."""
     console = Console()
     table = Table(title=f"Simulation, {place_name}, {laser_name}")

@@ -1,0 +1,1 @@
+"""`kitasap bench`: how fast and how true the parts are, measured here and now."""
