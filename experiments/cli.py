@@ -211,7 +211,7 @@ def _executed(run: "Run", jobs: int | None) -> dict:
     """Executes a run under a progress line; prints its table and where its files are."""
     from rich.console import Console
 
-    from experiments.figures import scatter, trial_picture
+    from experiments.figures import run_figures, trial_picture
     from experiments.progress import TrialProgress
     from experiments.runs import experiment_module
     from experiments.tables import summary_table
@@ -234,7 +234,7 @@ def _executed(run: "Run", jobs: int | None) -> dict:
             run.config, generator(run.experiment, run.seed, index)
         )
         trial_picture(run.folder, run.config, result, index)
-    scatter(run.folder)
+    run_figures(run.folder)
     console.print(f"results and figures: {run.folder}")
     return summary
 

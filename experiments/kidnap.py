@@ -7,13 +7,13 @@ poses; random ones start anywhere in the free space, wherever (2) is free as wel
 
 import numpy as np
 
-from experiments.localization import make_localizers, start_poses, update_all
+from experiments.bounds import scan_bound
+from experiments.localization import in_view, make_localizers, start_poses, update_all
 from experiments.paper import KIDNAP_MOTION
 from experiments.sources import MeasurementSource
 from experiments.trials import TrialConfig, TrialResult
 from kitasap_sim.hand import Operator, kidnap
 from kitasap_sim.places import Place
-from kitasap_sim.simulation import Simulation
 
 NAME = "kidnap"
 _MAX_DRAWS = 10_000
@@ -24,8 +24,8 @@ _HAND_MARGIN_M = 0.05
 def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrialResult:
     """One trial: every method gets the same two measurements; the outcomes are those at (2)."""
     known, (pose_rng, simulation_rng) = config.known_place, rng.spawn(2)
-    simulation = Simulation(known.place, known.laser, config.odometry, rng=simulation_rng)
-    pose, believed = _start_with_free_target(config, pose_rng)
+    simulation = config.simulation(simulation_rng)
+    pose, believed = _start_with_free_target(config, simulation.world, pose_rng)
     simulation.reset(pose)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
     localizers = make_localizers(config, believed)
@@ -37,27 +37,30 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrialResult:
     after = source.measurement(simulation.next_frame())
     true = simulation.truth().pose
     outcomes, cpu_s = update_all(config, localizers, after, true)
+    bound = scan_bound(known, config.true_laser, after.scan, true)
+    scans = [before.scan, after.scan]
     return TrialResult(
-        [true_before, true], outcomes, simulation.time_s, cpu_s, [before.scan, after.scan]
+        [true_before, true], outcomes, simulation.time_s, bound, cpu_s, scans, in_view(simulation)
     )
 
 
 def checked(config: TrialConfig) -> TrialConfig:
     """The configuration, if it names a place where (2) is free. Raises ValueError if not."""
-    _start_with_free_target(config.checked(), np.random.default_rng(0))
+    config = config.checked()
+    world = config.simulation(np.random.default_rng(0)).world
+    _start_with_free_target(config, world, np.random.default_rng(0))
     return config
 
 
 def _start_with_free_target(
-    config: TrialConfig, rng: np.random.Generator
+    config: TrialConfig, place: Place, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """`start_poses`, such that the robot can be set down at (2) as well.
 
     Raises ValueError if the place has no such pose.
     """
-    place = config.known_place.place
     for _ in range(_MAX_DRAWS if config.poses == "random" else 1):
-        pose, believed = start_poses(config, rng)
+        pose, believed = start_poses(config, place, rng)
         if _is_free_around(place, (pose + KIDNAP_MOTION)[:2]):
             return pose, believed
     raise ValueError(

@@ -9,30 +9,37 @@ import time
 
 import numpy as np
 
+from experiments.bounds import scan_bound
 from experiments.methods import METHODS
 from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult
 from kitasap_sim.hand import Operator
+from kitasap_sim.places import Place
 from kitasap_sim.simulation import Simulation
 from slam.localization import Localizer
 from slam.measurements import Measurement
 from slam.se2 import SE2
 
 NAME = "localization"
+_ON_A_LEG_M = 0.10
+"""From the axis of a leg: its radius, and what it has walked since the beam ended on it."""
 
 
 def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrialResult:
     """One trial: every method gets the same measurement."""
     known, (pose_rng, simulation_rng) = config.known_place, rng.spawn(2)
-    simulation = Simulation(known.place, known.laser, config.odometry, rng=simulation_rng)
-    pose, believed = start_poses(config, pose_rng)
+    simulation = config.simulation(simulation_rng)
+    pose, believed = start_poses(config, simulation.world, pose_rng)
     simulation.reset(pose)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
     measurement = source.measurement(simulation.next_frame())
     true = simulation.truth().pose
     localizers = make_localizers(config, believed)
     outcomes, cpu_s = update_all(config, localizers, measurement, true)
-    return TrialResult([true], outcomes, simulation.time_s, cpu_s, [measurement.scan])
+    bound = scan_bound(known, config.true_laser, measurement.scan, true)
+    return TrialResult(
+        [true], outcomes, simulation.time_s, bound, cpu_s, [measurement.scan], in_view(simulation)
+    )
 
 
 def checked(config: TrialConfig) -> TrialConfig:
@@ -40,9 +47,13 @@ def checked(config: TrialConfig) -> TrialConfig:
     return config.checked()
 
 
-def start_poses(config: TrialConfig, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Where the robot stands, and where it believes to stand; (3,) each [m, rad]."""
-    place = config.known_place.place
+def start_poses(
+    config: TrialConfig, place: Place, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where the robot stands, and where it believes to stand; (3,) each [m, rad].
+
+    place: the world as it truly is, where furniture may have been moved.
+    """
     if config.poses == "paper":
         return Operator().aimed(place.start, rng), place.start
     pose = place.draw_free_pose(rng)
@@ -54,8 +65,7 @@ def make_localizers(config: TrialConfig, believed: np.ndarray) -> dict[str, Loca
     """A localizer of its own for each method, all with the same belief (3,) of the pose."""
     known = config.known_place
     return {
-        name: Localizer(METHODS[name](known), SE2.from_array(believed), known.T_base_laser)
-        for name in config.methods
+        name: METHODS[name].localizer(known, SE2.from_array(believed)) for name in config.methods
     }
 
 
@@ -71,8 +81,24 @@ def update_all(
         started_s = time.process_time()
         estimate = localizer.update(measurement)
         cpu_s[name] = time.process_time() - started_s
-        outcomes[name] = Outcome.of(estimate.match, estimate.T_map_base, true, config)
+        outcomes[name] = Outcome.of(estimate, true, config)
     return outcomes, cpu_s
+
+
+def in_view(simulation: Simulation) -> int:
+    """How many people have a leg in the latest scan: where a beam ended on it."""
+    legs_m = simulation.people_m()
+    if not len(legs_m):
+        return 0
+    assert simulation.laser is not None
+    ranges_m = simulation.fan_ranges_m()
+    is_hit = np.isfinite(ranges_m)
+    mount = SE2(simulation.laser.mount_m[0], simulation.laser.mount_m[1], 0.0)
+    angles_rad = simulation.laser.angles_rad[is_hit]
+    beams = ranges_m[is_hit, None] * np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)
+    ends = SE2.from_array(simulation.truth().pose) @ (mount @ beams)
+    off_m = np.linalg.norm(legs_m[:, :, None] - ends, axis=3).min(axis=(1, 2), initial=np.inf)
+    return int((off_m < _ON_A_LEG_M).sum())
 
 
 if __name__ == "__main__":

@@ -4,19 +4,35 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+from experiments.assumptions import assumed_laser
 from experiments.paper import PAPER_ICP
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place, PlaceMap
+from slam.icp import CoarseToFineConfig
+from slam.laser_model import LaserModel
 from slam.lines import LineMap
-from slam.localization import LineMatcher, Matcher, OdometryMatcher, Open3dMatcher, PaperMatcher
+from slam.localization import Localizer, LocalizerConfig
+from slam.matchers import (
+    FastMatcher,
+    LimitMatcher,
+    LineMatcher,
+    Matcher,
+    OdometryMatcher,
+    Open3dMatcher,
+    PaperMatcher,
+)
 from slam.point_map import PointMap
-from slam.range_noise import RangeNoise
 from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from slam.surfel_grid import SurfelGrid
 
 
 @dataclass(frozen=True)
 class KnownPlace:
-    """What a robot is told beforehand: the true map at its laser's height, and the mounting."""
+    """What a robot is told beforehand: the true map at its laser's height, and the mounting.
+
+    laser: as it is sold; what the simulated one really does may differ.
+    """
 
     place: Place
     laser: LaserSpec
@@ -37,23 +53,74 @@ class KnownPlace:
         """The laboratory's earlier database: the straight ones among the surfaces."""
         return LineMap(self._map.segments_m)
 
+    @cached_property
+    def segment_map(self) -> SegmentMap:
+        """The surfaces themselves."""
+        return SegmentMap.known(self._map.segments_m, is_one_sided=True)
+
+    @cached_property
+    def surfel_grid(self) -> SurfelGrid:
+        """The surface nearest to each spot."""
+        return SurfelGrid.of(self.segment_map)
+
     @property
-    def range_noise(self) -> RangeNoise | None:
-        """What the laser's data sheet says of its noise; None where it is switched off."""
-        return RangeNoise(self.laser.sigma_at_m) if self.laser.sigma_at_m else None
+    def laser_model(self) -> LaserModel:
+        """What is assumed of the laser."""
+        return assumed_laser(self.laser.name)
 
     @cached_property
     def _map(self) -> PlaceMap:
         return self.place.map_at(self.laser.mount_m[2])
 
 
-METHODS: dict[str, Callable[[KnownPlace], Matcher]] = {
-    "odometry": lambda known: OdometryMatcher(),
-    "line": lambda known: LineMatcher(known.line_map),
-    "paper": lambda known: PaperMatcher(known.point_map, PAPER_ICP),
-    "open3d": lambda known: Open3dMatcher(known.point_map, range_noise=known.range_noise),
+@dataclass(frozen=True)
+class Method:
+    """How a method is made for a known place, and how its `Localizer` follows the robot."""
+
+    matcher: Callable[[KnownPlace], Matcher]
+    config: LocalizerConfig = LocalizerConfig()
+    tracker: Callable[[KnownPlace], Matcher] | None = None
+    """The same where the prediction is never far off; None: no need of another."""
+
+    def localizer(
+        self, known: KnownPlace, believed: SE2, *, is_tracking: bool = False
+    ) -> Localizer:
+        """A localizer that believes to stand at a pose; is_tracking: and sees every scan."""
+        make = (self.tracker if is_tracking else None) or self.matcher
+        return Localizer(make(known), believed, known.T_base_laser, self.config)
+
+
+def _fast(known: KnownPlace) -> FastMatcher:
+    return FastMatcher(known.surfel_grid, known.laser_model)
+
+
+def _limit(known: KnownPlace) -> LimitMatcher:
+    return LimitMatcher(known.segment_map, known.laser_model, _fast(known))
+
+
+METHODS: dict[str, Method] = {
+    "odometry": Method(lambda known: OdometryMatcher()),
+    "line": Method(lambda known: LineMatcher(known.line_map)),
+    # the paper knows no deskewing
+    "paper": Method(
+        lambda known: PaperMatcher(known.point_map, PAPER_ICP), LocalizerConfig(deskew=False)
+    ),
+    "open3d": Method(
+        lambda known: Open3dMatcher(known.point_map, range_noise=known.laser_model.noise),
+        # five start headings take 0.3 s: for a scan that comes each 0.1 s, one must do
+        tracker=lambda known: Open3dMatcher(
+            known.point_map, CoarseToFineConfig(start_headings_rad=(0.0,)), known.laser_model.noise
+        ),
+    ),
+    "fast": Method(_fast),
+    "limit": Method(_limit),
+    "limit_unfused": Method(_limit, LocalizerConfig(fuse=False)),
+    "limit_skewed": Method(_limit, LocalizerConfig(deskew=False)),
 }
-"""In the order of the paper's Section 1: what each brought over the one before."""
+"""In the order of the paper's Section 1: what each brought over the one before. The last two show
+what `limit` would be without its fusion, and without its deskewing."""
+
+DEFAULT_METHODS = ("paper", "open3d", "limit")
 
 
 def checked_methods(names: tuple[str, ...]) -> tuple[str, ...]:

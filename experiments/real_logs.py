@@ -20,7 +20,8 @@ import numpy as np
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
 from slam.icp import CoarseToFineConfig
-from slam.localization import Estimate, Localizer, Open3dMatcher
+from slam.localization import Estimate, Localizer
+from slam.matchers import Open3dMatcher
 from slam.measurements import Measurement
 from slam.metrics import pose_errors
 from slam.odometry import compose_covariance

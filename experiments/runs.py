@@ -23,7 +23,7 @@ from experiments.statistics import summarised
 from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
 
-EXPERIMENTS = ("localization", "kidnap")
+EXPERIMENTS = ("localization", "kidnap", "tracking")
 
 Finished = tuple[int, dict[str, Any], dict[str, Any]]
 """Index, record and timing of a trial."""
@@ -113,21 +113,40 @@ class Run:
     def _write_summary(self, log: TrialLog, wall_s: float) -> dict[str, Any]:
         indices = [index for index in sorted(log.records) if index < self.trials]
         records = [log.records[index] for index in indices]
+        samples = [
+            sample
+            for record in records
+            if record["status"] == "ok"
+            for sample in record.get("samples", [record])
+        ]
         timings = [log.timings[index] for index in indices if index in log.timings]
         summary = {
             "experiment": self.experiment,
             "trials": len(records),
+            "samples": len(samples),
             "seed": self.seed,
             "wall_s": round(wall_s, 3),
             "cpu_s": round(sum(timing["cpu_s"] for timing in timings), 3),
             "sim_s": round(sum(record.get("sim_s", 0.0) for record in records), 3),
-            "methods": summarised(records, self.config.methods),
-            "paper_values": PAPER_VALUES[self.experiment],
+            "people_in_view": _mean([record["people_in_view"] for record in samples]),
+            "methods": summarised(_with_failures(samples, records), self.config.methods),
+            "paper_values": PAPER_VALUES.get(self.experiment),
         }
         if self.experiment == "kidnap":
             _add_kidnap_figures(summary["methods"], timings)
         write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         return summary
+
+
+def _with_failures(
+    samples: list[dict[str, Any]], records: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """The samples, and the trials that raised: they count as failures."""
+    return samples + [record for record in records if record["status"] != "ok"]
+
+
+def _mean(values: list[int]) -> float | None:
+    return sum(values) / len(values) if values else None
 
 
 def experiment_module(name: str) -> ModuleType:

@@ -14,8 +14,8 @@ _Z95 = 1.959963984540054
 def summarised(records: list[dict[str, Any]], methods: tuple[str, ...]) -> dict[str, Any]:
     """Per method, the figures of `summary.json`; trials that raised count as failures of all.
 
-    The errors are over the successes alone, next to the rate over all trials. The keys that later
-    work fills (the Cramer-Rao bound, the consistency) are null until it does.
+    The errors and the bound are over the successes alone, next to the rate over all trials. The
+    NEES is over every pose that was believed and came with a covariance, right or wrong.
     """
     return {name: _method_summary(records, name) for name in methods}
 
@@ -54,11 +54,52 @@ def _method_summary(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
         "theta_rad": _axis(errors[:, 2]),
         "rmse_mm": _rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
         "rmse_mrad": _rms(1000 * errors[:, 2]),
-        "crlb_mm": None,
-        "crlb_ratio": None,
-        "crlb_ratio_theta": None,
-        "nees": None,
+        **_against_bound(records, name),
+        **_consistency(believed),
+        "warned": sum(bool(outcome["warnings"]) for outcome in outcomes),
     }
+
+
+def _against_bound(records: list[dict[str, Any]], name: str) -> dict[str, float | None]:
+    """The Cramer-Rao bound over the successes [mm], and the errors there in units of it."""
+    rows = [
+        (
+            method["x_error_m"],
+            method["y_error_m"],
+            method["theta_error_rad"],
+            *record["crlb"].values(),
+        )
+        for record in records
+        if record["status"] == "ok"
+        and (method := record["methods"][name])["success"]
+        and record["crlb"]["position_m"] is not None
+    ]
+    if not rows:
+        return {"crlb_mm": None, "crlb_mrad": None, "crlb_ratio": None, "crlb_ratio_theta": None}
+    x, y, theta, position_m, heading_rad = (_rms(column) or 0.0 for column in np.array(rows).T)
+    return {
+        "crlb_mm": 1000 * position_m,
+        "crlb_mrad": 1000 * heading_rad,
+        "crlb_ratio": math.hypot(x, y) / position_m,
+        "crlb_ratio_theta": theta / heading_rad,
+    }
+
+
+def _consistency(believed: list[dict[str, Any]]) -> dict[str, Any]:
+    """Mean NEES of the poses believed, and the band in which 95 % of such means lie if it is 3."""
+    values = np.array([outcome["nees"] for outcome in believed if outcome["nees"] is not None])
+    if not values.size:
+        return {"nees": None, "nees_band95": None}
+    return {"nees": float(values.mean()), "nees_band95": nees_band(values.size)}
+
+
+def nees_band(count: int, dimensions: int = 3) -> tuple[float, float]:
+    """Two-sided 95 % band of the mean of so many independent NEES (chi-square)."""
+    freedom = count * dimensions
+    # Wilson and Hilferty (1931): a cube root of chi-square is nearly normal, to 1e-4 from 30 on
+    spread = math.sqrt(2.0 / (9.0 * freedom))
+    low, high = ((1.0 - 2.0 / (9.0 * freedom) + z * spread) ** 3 for z in (-_Z95, _Z95))
+    return dimensions * low, dimensions * high
 
 
 def _axis(errors: np.ndarray) -> dict[str, float | None]:

@@ -16,7 +16,8 @@ CSV_FIELDS = (
     *("index", "status", "method", "match", "success"),
     *("x_error_m", "y_error_m", "theta_error_rad"),
     *("x_m", "y_m", "theta_rad", "x_true_m", "y_true_m", "theta_true_rad"),
-    *("iterations", "error_m2", "pair_count", "error"),
+    *("iterations", "error_m2", "pair_count", "nees"),
+    *("time_s", "crlb_position_m", "crlb_heading_rad", "people_in_view", "error"),
 )
 
 
@@ -128,17 +129,24 @@ def _line(record: dict[str, Any]) -> str:
 
 
 def _csv_rows(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each method, or one for a trial that raised."""
+    """A row for each method, or one for a trial that raised; of a drive, for each of its samples."""
     trial = {"index": record["index"], "status": record["status"]}
     if record["status"] != "ok":
         return [trial | {"error": record["error"]}]
-    truth = dict(
-        zip(("x_true_m", "y_true_m", "theta_true_rad"), record["true_poses"][-1], strict=True)
-    )
     return [
-        trial
-        | truth
-        | {"method": name, "match": outcome["status"]}
-        | {field: outcome[field] for field in CSV_FIELDS if field in outcome and field != "status"}
-        for name, outcome in record["methods"].items()
+        trial | row for sample in record.get("samples", [record]) for row in _method_rows(sample)
+    ]
+
+
+def _method_rows(sample: dict[str, Any]) -> list[dict[str, Any]]:
+    truth = dict(
+        zip(("x_true_m", "y_true_m", "theta_true_rad"), sample["true_poses"][-1], strict=True)
+    )
+    bound = {f"crlb_{name}": value for name, value in sample["crlb"].items()}
+    common = truth | bound | {name: sample[name] for name in CSV_FIELDS if name in sample}
+    return [
+        common
+        | {field: outcome[field] for field in CSV_FIELDS if field in outcome}
+        | {"method": name, "match": outcome["status"], "status": "ok"}
+        for name, outcome in sample["methods"].items()
     ]

@@ -12,18 +12,25 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from experiments.methods import METHODS, KnownPlace, checked_methods
+from experiments.bounds import nees
+from experiments.methods import DEFAULT_METHODS, KnownPlace, checked_methods
 from experiments.paper import VICINITY_M, VICINITY_RAD
-from kitasap_sim.laser import laser
+from experiments.worlds import checked_mismatch, simulated, true_laser
+from kitasap_sim.laser import LaserSpec, laser
 from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2, odometry_preset
 from kitasap_sim.simulation import Simulation
+from slam.localization import Estimate
 from slam.measurements import LaserScan
 from slam.open3d_backend import load_open3d
 from slam.scan_match import ScanMatch
 from slam.se2 import SE2, wrap_angle
 
 Poses = Literal["paper", "random"]
+MAX_TURN_RATE_RADPS = 1.5
+"""Chosen: faster, the tires slip."""
+_DISOWNED = ("LOST", "NOT_CONVERGED", "DEGENERATE")
+"""What a method says of a pose that it does not stand for."""
 _EXPERIMENT_KEYS = {"localization": 1, "kidnap": 2, "mapping": 3, "tracking": 4}
 """Part of each trial's seed, so that no two experiments share random numbers."""
 
@@ -34,18 +41,24 @@ class TrialConfig:
 
     poses: `paper` repeats one pair of poses with fresh noise; `random` draws them anywhere in the
     free space. start_error_m, start_error_rad: how wrong the robot's belief is at a random start,
-    uniform to either side on each axis. A trial succeeds within success_m and success_rad.
+    uniform to either side on each axis. people: walk about meanwhile. mismatch: in what the
+    simulated robot and world differ from what is assumed, see `experiments.worlds`. turn_rate_radps,
+    duration_s: of tracking. A trial succeeds within success_m and success_rad.
     """
 
     poses: Poses = "paper"
     place: str = "room_fig4"
     laser: str = "urg_04lx"
     odometry: str = "as_built"
-    methods: tuple[str, ...] = tuple(METHODS)
+    methods: tuple[str, ...] = DEFAULT_METHODS
     # finer than 1 cm: along a round wall, pairs with points 1 cm apart held 3 scans in 100 up to 3 cm off
     map_spacing_m: float = 0.0025
     start_error_m: float = 0.10
     start_error_rad: float = math.radians(5)
+    people: int = 0
+    mismatch: str = "none"
+    turn_rate_radps: float = 0.5
+    duration_s: float = 30.0
     success_m: float = VICINITY_M
     success_rad: float = VICINITY_RAD
 
@@ -60,9 +73,33 @@ class TrialConfig:
         laser(self.laser)
         # whatever is wrong with the place, or the system, is said before the first trial
         _ = self.known_place.place.free_centres_m
-        Simulation(self.known_place.place, None, self.odometry, rng=np.random.default_rng(0))
+        checked_mismatch(self.mismatch)
+        if self.people < 0:
+            raise ValueError(f"people are 0 or more, not {self.people}")
+        if not (0.0 < self.turn_rate_radps <= MAX_TURN_RATE_RADPS and self.duration_s >= 1.0):
+            raise ValueError(
+                f"a track needs turns above 0 and up to {MAX_TURN_RATE_RADPS} rad/s and a second or"
+                f" more, not {self.turn_rate_radps} rad/s and {self.duration_s} s"
+            )
+        self.simulation(np.random.default_rng(0))
         load_open3d()
         return self
+
+    def simulation(self, rng: np.random.Generator) -> Simulation:
+        """The simulated robot in its world as it truly is, at the place's start."""
+        return simulated(
+            self.known_place.place,
+            self.laser,
+            self.odometry,
+            rng,
+            people=self.people,
+            mismatch=self.mismatch,
+        )
+
+    @property
+    def true_laser(self) -> LaserSpec:
+        """The laser as it truly is."""
+        return true_laser(self.laser, self.mismatch)
 
     @property
     def known_place(self) -> KnownPlace:
@@ -77,23 +114,31 @@ def _known_place(place: str, laser_name: str, map_spacing_m: float) -> KnownPlac
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of a trial: estimated minus true pose, and what it says of itself."""
+    """What one method made of a trial: estimated minus true pose, and what it says of itself.
+
+    nees: normalised estimation error squared, where the method claims a covariance.
+    """
 
     T_map_base: SE2
     error: np.ndarray
     match: ScanMatch
     is_success: bool
+    nees: float | None = None
+    warnings: tuple[str, ...] = ()
 
     @classmethod
-    def of(
-        cls, match: ScanMatch, T_map_base: SE2, true: np.ndarray, config: TrialConfig
-    ) -> "Outcome":
+    def of(cls, estimate: Estimate, true: np.ndarray, config: TrialConfig) -> "Outcome":
         """The outcome at a true pose (3,); a match that is not believed is no success."""
+        T_map_base = estimate.T_map_base
         error = T_map_base.as_array() - true
         error[2] = wrap_angle(error[2])
         is_near = np.hypot(*error[:2]) <= config.success_m and abs(error[2]) <= config.success_rad
-        is_disowned = match.status.name in ("LOST", "NOT_CONVERGED")
-        return cls(T_map_base, error, match, bool(is_near and not is_disowned))
+        claimed = None
+        if estimate.covariance is not None and estimate.covariance.any():
+            tangent = (T_map_base.inverse() @ SE2.from_array(true)).log()
+            claimed = nees(tangent, estimate.covariance)
+        is_success = bool(is_near and estimate.match.status.name not in _DISOWNED)
+        return cls(T_map_base, error, estimate.match, is_success, claimed, estimate.warnings)
 
     def record(self) -> dict[str, Any]:
         """The outcome as plain numbers; errors in metres and radians."""
@@ -109,6 +154,8 @@ class Outcome:
             "iterations": len(self.match.history),
             "error_m2": self.match.error_m2 if math.isfinite(self.match.error_m2) else None,
             "pair_count": self.match.pair_count,
+            "nees": self.nees,
+            "warnings": list(self.warnings),
         }
 
 
@@ -117,15 +164,18 @@ class TrialResult:
     """One trial: the true poses, what each method found, and what was seen on the way.
 
     true_poses: the (3,) true poses at which scans were taken, the last being the one to find.
-    cpu_s: processor time of each method's last search, by method; kept out of the record, which
-    is the same to the byte whenever the trial is repeated. scans: as taken at the true poses.
+    bound: (3, 3) Cramer-Rao bound there, base frame. cpu_s: processor time of each method's last
+    search, by method; kept out of the record, which is the same to the byte whenever the trial is
+    repeated. scans: as taken at the true poses. people_in_view: how many had a leg in the last one.
     """
 
     true_poses: list[np.ndarray]
     outcomes: dict[str, Outcome]
     sim_s: float
+    bound: np.ndarray
     cpu_s: dict[str, float] = field(default_factory=dict)
     scans: list[LaserScan] = field(default_factory=list, repr=False)
+    people_in_view: int = 0
 
     def record(self) -> dict[str, Any]:
         """The trial as plain numbers, ready for a line of `trials.jsonl`."""
@@ -133,8 +183,20 @@ class TrialResult:
             "status": "ok",
             "sim_s": self.sim_s,
             "true_poses": [pose.tolist() for pose in self.true_poses],
+            "crlb": bound_record(self.bound),
+            "people_in_view": self.people_in_view,
             "methods": {name: outcome.record() for name, outcome in self.outcomes.items()},
         }
+
+
+def bound_record(bound: np.ndarray) -> dict[str, float | None]:
+    """The bound (3, 3) as two standard deviations; null where the scan leaves a direction open."""
+    if not np.isfinite(bound).all():
+        return {"position_m": None, "heading_rad": None}
+    return {
+        "position_m": math.sqrt(bound[0, 0] + bound[1, 1]),
+        "heading_rad": math.sqrt(bound[2, 2]),
+    }
 
 
 RunTrial = Callable[[TrialConfig, np.random.Generator], TrialResult]

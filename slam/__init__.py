@@ -3,12 +3,16 @@
 Open3D is not imported before its first use.
 """
 
+from slam.beam_likelihood import BeamConfig, cramer_rao_bound, fisher_information, match_beams
+from slam.beams import Beams
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
+from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
-from slam.localization import (
-    Estimate,
+from slam.localization import Estimate, Localizer, LocalizerConfig
+from slam.matchers import (
+    FastMatcher,
+    LimitMatcher,
     LineMatcher,
-    Localizer,
     Matcher,
     OdometryMatcher,
     Open3dMatcher,
@@ -20,19 +24,28 @@ from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.readers.carmen import read_carmen
 from slam.scan_match import MatchStatus, ScanMatch
+from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from slam.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum
 
 __all__ = [
     "SE2",
+    "BeamConfig",
+    "Beams",
     "CoarseToFineConfig",
     "DifferentialDrive",
     "Estimate",
+    "FastMatcher",
     "IcpConfig",
+    "LaserModel",
     "LaserScan",
+    "LimitMatcher",
     "LineMap",
     "LineMatcher",
     "Localizer",
+    "LocalizerConfig",
     "MatchStatus",
     "Matcher",
     "Measurement",
@@ -43,11 +56,18 @@ __all__ = [
     "PointMap",
     "RangeNoise",
     "ScanMatch",
+    "SegmentMap",
     "StopRule",
+    "SurfelGrid",
+    "SurfelMatchConfig",
     "Trajectory",
+    "cramer_rao_bound",
+    "fisher_information",
+    "match_beams",
     "match_lines",
     "match_scan",
     "match_scan_coarse_to_fine",
+    "match_surfels",
     "read_carmen",
     "read_tum",
     "write_tum",

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray
-from slam.measurements import LaserScan
-from slam.se2 import SE2
+from slam.beams import Beams
 
 # Chords that leave a circle of radius R by s turn by sqrt(8 s / R): 23 degrees for 4 cm on 2 m.
 # Below 5 degrees it may be one straight wall, split at an outlier.
@@ -72,15 +71,12 @@ class _Fit:
         )
 
 
-def extract_lines(
-    scan: LaserScan, T_base_laser: SE2, config: LineExtractionConfig
-) -> tuple[ScanLine, ...]:
+def extract_lines(beams: Beams, config: LineExtractionConfig) -> tuple[ScanLine, ...]:
     """The straight lines of a scan, base frame, in the order of the beams.
 
     A round wall gives none: its pieces are bowed, and those too short to tell are not kept.
     """
-    points_base = scan.points(T_base_laser)
-    ranges_m = scan.ranges_m[scan.is_hit]
+    points_base, ranges_m = beams.points, beams.ranges_m[beams.is_hit]
     sigmas_m = np.maximum(config.range_sigma_m, config.range_sigma_ratio * ranges_m)
     lines: list[ScanLine] = []
     for run in _unbroken_runs(points_base, config.max_gap_m):

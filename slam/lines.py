@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slam.arrays import FloatArray, frozen_array
+from slam.beams import Beams
 from slam.line_extraction import LineExtractionConfig, ScanLine, extract_lines
-from slam.measurements import LaserScan
 from slam.scan_match import IcpStep, MatchStatus, ScanMatch
 from slam.se2 import SE2
 
@@ -77,15 +77,13 @@ class _LinePairs:
         return len(self.lines)
 
 
-def match_lines(
-    scan: LaserScan, line_map: LineMap, T_map_base: SE2, T_base_laser: SE2, config: LineConfig
-) -> ScanMatch:
+def match_lines(beams: Beams, line_map: LineMap, T_map_base: SE2, config: LineConfig) -> ScanMatch:
     """Pose at which the scan's straight lines lie on known walls, started at the odometry pose.
 
     LOST when fewer than two lines that differ in direction find their walls. error_m2 is the mean
     squared distance of the lines' centres from their walls, pair_count the number of lines.
     """
-    lines = extract_lines(scan, T_base_laser, config.extraction)
+    lines = extract_lines(beams, config.extraction)
     history: list[IcpStep] = []
     narrow_gates = config.narrow_gate_m, config.narrow_gate_rad
     gates = config.wide_gate_m, config.wide_gate_rad

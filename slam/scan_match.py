@@ -5,8 +5,9 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from slam.arrays import FloatArray
 from slam.se2 import SE2
 
 
@@ -16,6 +17,7 @@ class MatchStatus(enum.Enum):
     MATCHED = "matched"
     LOST = "lost"  # no pairs, or the best fit found is a poor one: the pose is not to be used
     NOT_CONVERGED = "not converged"  # the iterations ran out first: not to be used either
+    DEGENERATE = "degenerate"  # the scan leaves a direction open: the pose along it is a guess
     NOT_ATTEMPTED = "not attempted"  # dead reckoning: the scan was not looked at
 
 
@@ -32,10 +34,26 @@ class IcpStep:
 
 
 @dataclass(frozen=True)
+class RangeFit:
+    """How the ranges of a scan fit the map and the laser's model at the pose found.
+
+    inlier_ratio: share of the beams within four sigmas. scale: scatter of the residuals in units of
+    the noise assumed. offset_m, offset_sigma_m: range offset common to all beams.
+    """
+
+    inlier_ratio: float
+    scale: float
+    offset_m: float
+    offset_sigma_m: float
+
+
+@dataclass(frozen=True)
 class ScanMatch:
     """The pose found for one scan, and whether it is to be believed.
 
     error_m2 and pair_count belong to T_map_base; history has one step per pass of the loop.
+    information: (3, 3) inverse covariance of the tangent (x, y, theta) in the base frame, true pose
+    = T_map_base @ SE2.exp(noise), zero along what the scan leaves open; None: nothing is claimed.
     """
 
     T_map_base: SE2
@@ -43,6 +61,8 @@ class ScanMatch:
     error_m2: float = math.inf
     pair_count: int = 0
     history: tuple[IcpStep, ...] = ()
+    information: FloatArray | None = field(default=None, compare=False)
+    fit: RangeFit | None = None
 
     @property
     def is_matched(self) -> bool:

@@ -22,16 +22,24 @@ MAY_IMPORT = {
 }
 ONLY_IN = {
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
-    "experiments/figures.py": {"matplotlib"},
+    "experiments/figures/against_bound.py": {"matplotlib"},
+    "experiments/figures/canvas.py": {"matplotlib"},
+    "experiments/figures/mismatches.py": {"matplotlib"},
+    "experiments/figures/one_trial.py": {"matplotlib"},
+    "experiments/figures/over_time.py": {"matplotlib"},
+    "experiments/figures/paper_scatter.py": {"matplotlib"},
+    "experiments/figures/recorded_log.py": {"matplotlib"},
+    "experiments/bench/registration_peers.py": {"scipy", "small_gicp", "kiss_icp"},
 }
 
 RANKS = (
     {"arrays", "se2", "kernels"},
-    {"measurements", "odometry", "point_map", "occupancy_grid", "trajectory"}
-    | {"scan_match", "range_noise", "map_files"},
+    {"measurements", "odometry", "point_map", "occupancy_grid", "trajectory", "beams"}
+    | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
+    | {"surfels", "map_files"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew"}
-    | {"open3d_backend", "lines", "line_extraction"},
-    {"relocalization", "lost", "loop_closing", "fusion"},
+    | {"open3d_backend", "lines", "line_extraction", "observability"},
+    {"relocalization", "lost", "loop_closing", "fusion", "consistency", "matchers", "calibration"},
     {"localization", "mapping"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}

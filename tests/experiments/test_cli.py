@@ -28,7 +28,7 @@ def refusal(capsys, *arguments: str) -> str:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("mapping", "no experiment called 'mapping'; there are: localization, kidnap"),
+        ("mapping", "no experiment called 'mapping'; there are: localization, kidnap, tracking"),
         (
             "kidnap --place moon",
             "no place called 'moon', nor a file; "
@@ -115,7 +115,7 @@ def test_folder_that_cannot_be_written_is_named(tmp_path, box_room, capsys):
 
 def test_one_trial_refuses_what_a_run_refuses(capsys):
     assert refusal(capsys, "trial", "fly") == (
-        "no experiment called 'fly'; there are: localization, kidnap"
+        "no experiment called 'fly'; there are: localization, kidnap, tracking"
     )
     assert refusal(capsys, "trial", "kidnap", "--index", "-1").startswith("Invalid value for '--i")
 

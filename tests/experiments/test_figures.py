@@ -1,19 +1,55 @@
 """The figures are there, say what the files say, and equal runs draw equal ones."""
 
-import numpy as np
+import json
+import math
+import re
+from dataclasses import replace
 
-from experiments.figures import image_file, scatter, trial_picture
+import numpy as np
+import pytest
+
+from experiments import tracking
+from experiments.figures import (
+    bound_figure,
+    image_file,
+    mismatch_figure,
+    run_figures,
+    scatter,
+    trial_picture,
+)
+from experiments.figures.against_bound import _within_heading, _within_position
+from experiments.figures.over_time import _aligned
 from experiments.kidnap import run_trial
+from experiments.runs import Run
 from experiments.trials import generator
 
 PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def comments(path) -> list[str]:
+    """The texts in an SVG: Matplotlib writes each into a comment beside its outlines."""
+    return re.findall(r"<!-- (.*?) -->", path.read_text())
+
+
+@pytest.fixture
+def drive_config(quick_config):
+    """Drives of five seconds round a small circle."""
+    return replace(quick_config, turn_rate_radps=1.0, duration_s=5.0)
+
+
+@pytest.fixture
+def drives(tmp_path, drive_config):
+    """The folder of two drives of it."""
+    folder = tmp_path / "tracking"
+    Run("tracking", drive_config, 0, 2, folder).execute(1, lambda index, record: None)
+    return folder
 
 
 def test_run_leaves_its_figures_and_equal_runs_equal_ones(tmp_path, run_trials):
     for name in ("first", "second"):
         assert run_trials(tmp_path / name, 2) == 0
     first, second = tmp_path / "first/localization", tmp_path / "second/localization"
-    for name in ("scatter", "trial_0"):
+    for name in ("scatter", "bound", "trial_0"):
         assert (first / f"{name}.png").read_bytes()[:8] == PNG
         svg = (first / f"{name}.svg").read_bytes()
         assert b"<svg" in svg
@@ -35,6 +71,108 @@ def test_scatter_counts_what_lies_outside(tmp_path, run_trials):
     assert "of 2 succeed, 1 off this picture" in (folder / "scatter.svg").read_text()
 
 
+def test_bound_figure_shows_every_method_with_its_numbers(tmp_path, run_trials):
+    assert run_trials(tmp_path, 2) == 0
+    folder = tmp_path / "localization"
+    assert bound_figure(folder) == folder / "bound.png"
+    methods = json.loads((folder / "summary.json").read_text())["methods"]
+    texts = comments(folder / "bound.svg")
+    assert any(text.startswith("Cramer-Rao bound: what an efficient") for text in texts)
+    for name, result in methods.items():
+        (row,) = (text for text in texts if text.startswith(f"{name} "))
+        assert row.endswith(f"{result['failures']} of 2")
+        for key in ("rmse_mm", "crlb_ratio", "rmse_mrad", "crlb_ratio_theta"):
+            assert result[key] is None or f"{result[key]:.2f}" in row
+
+
+def test_bound_is_the_distribution_of_gaussian_errors():
+    # against draws: 4e5 of them leave 0.0008 of standard deviation; 5 of these
+    rng = np.random.default_rng(0)
+    sigma = 0.7
+    norms = np.linalg.norm(rng.normal(0, sigma, (400_000, 2)), axis=1)
+    angles = np.abs(rng.normal(0, sigma, 400_000))
+    for x in (0.1, 0.5, 1.0, 2.0):
+        (position,) = _within_position(x, np.array([sigma * math.sqrt(2)]))
+        (heading,) = _within_heading(x, np.array([sigma]))
+        assert position == pytest.approx((norms < x).mean(), abs=0.004)
+        assert heading == pytest.approx((angles < x).mean(), abs=0.004)
+
+
+def test_blind_scan_promises_nothing():
+    blind = np.array([np.inf])
+    assert _within_position(100.0, blind) == _within_heading(100.0, blind) == 0.0
+
+
+def test_drives_leave_bound_and_time_and_no_scatter(drives):
+    names = [path.name for path in run_figures(drives)]
+    assert names == ["bound.png", "over_time.png"]
+    assert not (drives / "scatter.png").exists()
+    assert any("2 drives" in text for text in comments(drives / "over_time.svg"))
+    first = {path.name: path.read_bytes() for path in drives.glob("*.[ps][nv]g")}
+    assert set(first) == {"bound.png", "bound.svg", "over_time.png", "over_time.svg"}
+    run_figures(drives)
+    assert {name: (drives / name).read_bytes() for name in first} == first
+
+
+def test_figures_show_only_the_trials_asked_for(drives, drive_config):
+    Run("tracking", drive_config, 0, 1, drives).execute(1, lambda index, record: None)
+    run_figures(drives)
+    assert not any("2 drives" in text for text in comments(drives / "over_time.svg"))
+    assert any("1 drive;" in text for text in comments(drives / "over_time.svg"))
+
+
+def test_drives_without_bound_or_nees_are_drawn(drives):
+    lines = (drives / "trials.csv").read_text().splitlines()
+    fields = lines[0].split(",")
+    rows = [line.split(",") for line in lines[1:]]
+    for name in ("crlb_position_m", "crlb_heading_rad", "nees"):
+        for row in rows:
+            row[fields.index(name)] = ""
+    (drives / "trials.csv").write_text("\n".join([lines[0], *map(",".join, rows)]) + "\n")
+    records = [json.loads(line) for line in (drives / "trials.jsonl").read_text().splitlines()]
+    for record in records:
+        series = record["series"]
+        nothing = [None] * len(series["time_s"])
+        series |= {"crlb_position_m": nothing, "crlb_heading_rad": nothing}
+        for method in series["methods"].values():
+            method["nees"] = nothing
+    (drives / "trials.jsonl").write_text("".join(json.dumps(r) + "\n" for r in records))
+    summary = json.loads((drives / "summary.json").read_text())
+    for result in summary["methods"].values():
+        result |= dict.fromkeys(
+            ("crlb_mm", "crlb_mrad", "crlb_ratio", "crlb_ratio_theta", "nees", "nees_band95")
+        )
+    (drives / "summary.json").write_text(json.dumps(summary))
+    run_figures(drives)
+    samples = summary["samples"]
+    assert any(f"blind in {samples} of {samples}" in t for t in comments(drives / "bound.svg"))
+
+
+@pytest.mark.parametrize("experiment", ["localization", "tracking"])
+@pytest.mark.parametrize("failure", ["raises", "misses"])
+def test_run_in_which_everything_failed_is_drawn(
+    tmp_path, drive_config, experiment, failure, monkeypatch
+):
+    config = replace(drive_config, duration_s=2.5)
+    if failure == "misses":
+        config = replace(config, success_m=0.0)
+    else:
+        monkeypatch.setattr(f"experiments.{experiment}.run_trial", lambda config, rng: 1 / 0)
+    folder = tmp_path / experiment
+    Run(experiment, config, 0, 1, folder).execute(1, lambda index, record: None)
+    for path in run_figures(folder):
+        assert path.read_bytes()[:8] == PNG
+    assert sum("1 of 1" in text for text in comments(folder / "bound.svg")) == 2
+
+
+def test_series_are_aligned_by_their_stamps():
+    times_s = np.array([0.1, 0.2, 0.3, 0.4])
+    late, early = {"time_s": [0.22, 0.31]}, {"time_s": [0.1, 0.2, 0.3, 0.4, 0.7]}
+    table = _aligned(times_s, [late, early], [[-0.001, None], [0.001, 0.002, 0.003, 0.004, 0.9]])
+    # magnitudes, in thousandths; what lies a scan or more off belongs to none
+    np.testing.assert_allclose(table, [[np.nan, 1, np.nan, np.nan], [1, 2, 3, 4]])
+
+
 def test_kidnap_picture_tells_truth_from_belief(tmp_path, quick_config):
     result = run_trial(quick_config, generator("kidnap", 0, 0))
     assert trial_picture(tmp_path, quick_config, result, 7) == tmp_path / "trial_7.png"
@@ -47,6 +185,39 @@ def test_kidnap_picture_tells_truth_from_belief(tmp_path, quick_config):
         "robot at (2): pose found",
     ):
         assert f"<!-- {words} -->" in svg
+
+
+@pytest.mark.parametrize(("duration_s", "samples"), [(5.0, 2), (1.0, 0)])
+def test_picture_of_a_drive_has_a_panel_for_each_method(
+    tmp_path, drive_config, duration_s, samples
+):
+    config = replace(drive_config, duration_s=duration_s)
+    result = tracking.run_trial(config, generator("tracking", 0, 0))
+    assert trial_picture(tmp_path, config, result, 3) == tmp_path / "trial_3.png"
+    texts = comments(tmp_path / "trial_3.svg")
+    assert f"trial 3 in box_room: a drive of {duration_s:.0f} s, true and estimated path" in texts
+    for name in config.methods:
+        right = sum(sample["methods"][name]["success"] for sample in result.samples)
+        assert f"{name}: right at {right} of {samples} samples" in texts
+
+
+def test_mismatches_are_told_with_their_numbers(tmp_path):
+    measured = {"rmse_mm": 4.25, "crlb_mm": 1.25, "crlb_ratio": 3.4, "nees": 31.44}
+    nothing = dict.fromkeys(measured)
+    counts = {"failures": 2, "trials": 60, "warned": 57}
+    rows = [
+        {"mismatch": "none", "still": measured | counts, "moving": nothing | counts},
+        {"mismatch": "offset", "still": nothing | counts, "moving": measured | counts},
+    ]
+    path = tmp_path / "mismatch.png"
+    assert mismatch_figure(path, rows) == path
+    assert path.read_bytes()[:8] == PNG
+    svg = path.with_suffix(".svg").read_bytes()
+    texts = comments(path.with_suffix(".svg"))
+    for text in ("4.25 mm", "3.40", "31.4", "57 of 60", "2 of 60", "ranges 5 mm too long"):
+        assert text in texts, texts
+    mismatch_figure(path, rows)
+    assert path.with_suffix(".svg").read_bytes() == svg
 
 
 def test_picture_is_png_whatever_its_name(tmp_path):

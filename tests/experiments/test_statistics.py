@@ -3,20 +3,26 @@
 import math
 
 import pytest
-from scipy.stats import binomtest
+from scipy.stats import binomtest, chi2
 
-from experiments.statistics import summarised, wilson_interval
+from experiments.statistics import nees_band, summarised, wilson_interval
+
+BOUND = {"position_m": 0.002, "heading_rad": 0.001}
 
 
-def trial(x_cm: float, y_cm: float, theta_rad: float, *, success=True, status="matched") -> dict:
+def trial(
+    x_cm: float, y_cm: float, theta_rad: float, *, success=True, status="matched", nees=None
+) -> dict:
     outcome = {
         "status": status,
         "success": success,
         "x_error_m": x_cm / 100,
         "y_error_m": y_cm / 100,
         "theta_error_rad": theta_rad,
+        "nees": nees,
+        "warnings": [],
     }
-    return {"status": "ok", "methods": {"line": outcome}}
+    return {"status": "ok", "crlb": BOUND, "methods": {"line": outcome}}
 
 
 RAISED = {"status": "error", "error": "ValueError: no", "traceback": ""}
@@ -48,6 +54,44 @@ def test_errors_are_those_of_the_successes_and_rates_those_of_all_trials():
     assert theta_rad["max"] == pytest.approx(-0.02)
     assert result["rmse_mm"] == pytest.approx(math.sqrt((500 + 900 + 1700) / 3))
     assert result["rmse_mrad"] == pytest.approx(math.sqrt((1 + 400 + 1) / 3))
+
+
+def test_errors_are_counted_in_units_of_the_bound_over_the_successes():
+    records = [
+        trial(0.3, 0.0, 0.002),
+        trial(0.0, -0.4, -0.001),
+        trial(90.0, 0.0, 1.0, success=False),
+        RAISED,
+    ]
+    result = summarised(records, ("line",))["line"]
+    assert result["crlb_mm"] == pytest.approx(2.0)
+    assert result["crlb_mrad"] == pytest.approx(1.0)
+    assert result["crlb_ratio"] == pytest.approx(math.sqrt((9 + 16) / 2) / 2)
+    assert result["crlb_ratio_theta"] == pytest.approx(math.sqrt((4 + 1) / 2))
+
+
+def test_scan_that_leaves_a_direction_open_has_no_bound_to_compare_with():
+    blind = trial(0.3, 0.0, 0.0) | {"crlb": {"position_m": None, "heading_rad": None}}
+    result = summarised([blind], ("line",))["line"]
+    assert (result["crlb_mm"], result["crlb_ratio"]) == (None, None)
+
+
+def test_nees_is_over_all_that_was_believed_right_or_wrong():
+    records = [
+        trial(0.1, 0.0, 0.0, nees=2.0),
+        trial(90.0, 0.0, 0.0, nees=400.0, success=False),  # sure of itself
+        trial(90.0, 0.0, 0.0, nees=900.0, success=False, status="lost"),  # says so
+    ]
+    result = summarised(records, ("line",))["line"]
+    assert result["nees"] == pytest.approx(201.0)
+    assert result["nees_band95"] == pytest.approx(nees_band(2))
+
+
+@pytest.mark.parametrize("count", [10, 100, 1000])
+def test_nees_band_is_that_of_chi_square(count):
+    low, high = nees_band(count)
+    assert low == pytest.approx(chi2.ppf(0.025, 3 * count) / count, rel=1e-3)
+    assert high == pytest.approx(chi2.ppf(0.975, 3 * count) / count, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ def rendered(experiment: str, records: list[dict]) -> list[str]:
     summary = {
         "experiment": experiment,
         "trials": len(records),
+        "samples": sum(record["status"] == "ok" for record in records),
         "methods": summarised(records, ("line",)),
         "paper_values": PAPER_VALUES[experiment],
     }

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from slam.beams import Beams
 from slam.line_extraction import LineExtractionConfig, extract_lines
 from slam.lines import LineConfig, LineMap, match_lines
 from slam.measurements import LaserScan
@@ -17,7 +18,7 @@ SIGMA_M = 0.01
 
 def test_lines_of_a_scan_lie_on_the_walls_of_the_room():
     scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE, np.random.default_rng(0), SIGMA_M)
-    lines = extract_lines(scan, SE2.identity(), LineExtractionConfig())
+    lines = extract_lines(Beams.of(scan, SE2.identity()), LineExtractionConfig())
     walls = LineMap(ROOM_SEGMENTS)
     assert len(lines) >= 5
     for line in lines:
@@ -36,7 +37,7 @@ def test_sigmas_of_a_line_are_those_seen_over_many_scans():
     wall = [[[2.0, -1.0], [2.0, 1.5]]]
     rng = np.random.default_rng(1)
     found = [
-        extract_lines(scan_of(wall, SE2.identity(), rng, 0.02), SE2.identity(), config)
+        extract_lines(Beams.of(scan_of(wall, SE2.identity(), rng, 0.02), SE2.identity()), config)
         for config in [LineExtractionConfig(range_sigma_m=0.02)]
         for _ in range(300)
     ]
@@ -55,7 +56,7 @@ def test_round_wall_gives_no_line(radius_m):
     for _ in range(50):
         pose = SE2(*rng.uniform(-0.4, 0.4, 2) * radius_m, rng.uniform(-3.0, 3.0))
         scan = scan_of(round_wall(radius_m), pose, rng, SIGMA_M)
-        count += len(extract_lines(scan, SE2.identity(), LineExtractionConfig()))
+        count += len(extract_lines(Beams.of(scan, SE2.identity()), LineExtractionConfig()))
     # one in fifty scans may keep a stump too short to show its bow
     assert count <= 1
 
@@ -67,7 +68,11 @@ def test_curved_panel_standing_alone_is_told_from_a_flat_one():
     curved = np.stack([arc[:-1], arc[1:]], axis=1)
     flat = [[[2.0, -0.7], [2.0, 0.7]]]
     found = [
-        len(extract_lines(scan_of(panel, SE2.identity(), rng, 0.02), SE2.identity(), config))
+        len(
+            extract_lines(
+                Beams.of(scan_of(panel, SE2.identity(), rng, 0.02), SE2.identity()), config
+            )
+        )
         for rng in [np.random.default_rng(0)]
         for config in [LineExtractionConfig(range_sigma_m=0.02)]
         for panel in [curved] * 20 + [flat] * 20
@@ -78,12 +83,12 @@ def test_curved_panel_standing_alone_is_told_from_a_flat_one():
 def test_short_or_broken_pieces_are_no_lines():
     pieces = [[[2.0, y], [2.0, y + 0.3]] for y in np.arange(-2.0, 2.0, 0.7)]
     scan = scan_of(pieces, SE2.identity(), np.random.default_rng(0), SIGMA_M)
-    assert extract_lines(scan, SE2.identity(), LineExtractionConfig()) == ()
+    assert extract_lines(Beams.of(scan, SE2.identity()), LineExtractionConfig()) == ()
 
 
 def test_scan_without_hits_has_no_lines():
     scan = LaserScan(0.0, ANGLES_RAD, np.full(len(ANGLES_RAD), np.inf))
-    assert extract_lines(scan, SE2.identity(), LineExtractionConfig()) == ()
+    assert extract_lines(Beams.of(scan, SE2.identity()), LineExtractionConfig()) == ()
 
 
 def test_collinear_pieces_are_one_wall_and_corners_are_not():
@@ -109,7 +114,7 @@ def test_match_by_lines_undoes_a_shift_of_the_odometry(seed):
     laser = SE2(0.1, 0.0, 0.0)
     scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE @ laser, rng, SIGMA_M)
     start = ROOM_CENTRE @ SE2(*rng.uniform(-0.1, 0.1, 2), rng.uniform(-0.087, 0.087))
-    match = match_lines(scan, LineMap(ROOM_SEGMENTS), start, laser, LineConfig())
+    match = match_lines(Beams.of(scan, laser), LineMap(ROOM_SEGMENTS), start, LineConfig())
     change = ROOM_CENTRE.inverse() @ match.T_map_base
     assert match.is_matched
     # 1 mm and 1 mrad rms over rooms and poses; six of these
@@ -120,7 +125,9 @@ def test_match_by_lines_undoes_a_shift_of_the_odometry(seed):
 def test_parallel_walls_alone_are_lost():
     corridor = [[[-20.0, 1.0], [20.0, 1.0]], [[-20.0, -1.0], [20.0, -1.0]]]
     scan = scan_of(corridor, SE2.identity(), np.random.default_rng(0), SIGMA_M, range_max_m=4.0)
-    match = match_lines(scan, LineMap(corridor), SE2.identity(), SE2.identity(), LineConfig())
+    match = match_lines(
+        Beams.of(scan, SE2.identity()), LineMap(corridor), SE2.identity(), LineConfig()
+    )
     assert match.status is MatchStatus.LOST
     assert match.pair_count >= 2
 
@@ -128,7 +135,7 @@ def test_parallel_walls_alone_are_lost():
 def test_round_room_is_lost_without_a_line():
     scan = scan_of(round_wall(3.0), SE2(0.5, 0.3, 0.0), np.random.default_rng(3), SIGMA_M)
     walls = LineMap(round_wall(3.0))
-    match = match_lines(scan, walls, SE2(0.5, 0.3, 0.0), SE2.identity(), LineConfig())
+    match = match_lines(Beams.of(scan, SE2.identity()), walls, SE2(0.5, 0.3, 0.0), LineConfig())
     assert (match.status, match.pair_count, match.error_m2) == (MatchStatus.LOST, 0, math.inf)
 
 
@@ -136,7 +143,7 @@ def test_kidnapped_robot_is_lost_or_far_from_sure():
     # a metre and a quarter turn off: the gates of the odometry exclude the right walls
     scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE, np.random.default_rng(0), SIGMA_M)
     start = ROOM_CENTRE @ SE2(0.0, -1.0, 0.8)
-    match = match_lines(scan, LineMap(ROOM_SEGMENTS), start, SE2.identity(), LineConfig())
+    match = match_lines(Beams.of(scan, SE2.identity()), LineMap(ROOM_SEGMENTS), start, LineConfig())
     assert not match.is_matched
 
 
@@ -151,5 +158,5 @@ def test_many_returns_from_one_spot_are_no_line():
     ranges_m[40:140] = 0.0
     angles_rad = np.radians(np.arange(-90.0, 91.0))
     scan = LaserScan(0.0, angles_rad, ranges_m)
-    lines = extract_lines(scan, SE2.identity(), LineExtractionConfig())
+    lines = extract_lines(Beams.of(scan, SE2.identity()), LineExtractionConfig())
     assert all(line.length_m > 0.0 for line in lines)

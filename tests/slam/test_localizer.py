@@ -5,16 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from slam.beams import Beams
 from slam.lines import LineMap
-from slam.localization import (
-    LineMatcher,
-    Localizer,
-    Matcher,
-    OdometryMatcher,
-    Open3dMatcher,
-    PaperMatcher,
-)
-from slam.measurements import LaserScan, Measurement
+from slam.localization import Localizer
+from slam.matchers import LineMatcher, Matcher, OdometryMatcher, Open3dMatcher, PaperMatcher
+from slam.measurements import Measurement
 from slam.point_map import PointMap
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
@@ -81,7 +76,7 @@ def test_prediction_stands_while_nothing_matches_and_the_map_corrects_it_afterwa
 
 
 def test_pose_of_a_lost_match_is_not_taken_over():
-    def lost(scan: LaserScan, T_base_laser: SE2, T_predicted: SE2) -> ScanMatch:
+    def lost(beams: Beams, T_predicted: SE2) -> ScanMatch:
         return ScanMatch(SE2(9.0, 9.0, 0.0), MatchStatus.LOST)
 
     localizer = Localizer(lost, ROOM_CENTRE, LASER)

@@ -1,0 +1,31 @@
+"""What the estimators assume of each laser: a table of its own, read from the data sheets.
+
+The simulator draws its noise from `kitasap_sim.laser`. That the two agree is how a well-informed
+user would set things up; `--mismatch` makes them differ.
+"""
+
+from slam.laser_model import LaserModel
+from slam.range_noise import RangeNoise
+
+ASSUMED_LASERS: dict[str, LaserModel] = {
+    # Hokuyo: +-10 mm to 1 m, +-1 % beyond, as one sigma
+    "urg_04lx": LaserModel(RangeNoise(((1.0, 0.010), (5.6, 0.056))), 0.02, 5.6),
+    # Hokuyo: sigma < 10 mm to 10 m, < 30 mm to 30 m
+    "utm_30lx": LaserModel(RangeNoise(((10.0, 0.010), (30.0, 0.030))), 0.1, 30.0),
+    "ust_10lx": LaserModel(RangeNoise(((10.0, 0.010),)), 0.06, 10.0),
+    # SICK: statistical errors, one sigma
+    "lms200": LaserModel(RangeNoise(((8.0, 0.005),)), 0.0, 8.191),
+    "lms1xx": LaserModel(RangeNoise(((20.0, 0.012),)), 0.5, 20.0),
+    "tim571": LaserModel(RangeNoise(((25.0, 0.020),)), 0.05, 25.0),
+    # Slamtec: 1 % of the range, as one sigma; half a millimetre at the least
+    "rplidar_a1": LaserModel(RangeNoise(((0.05, 0.0005), (12.0, 0.12))), 0.15, 12.0),
+    "rplidar_a2": LaserModel(RangeNoise(((0.05, 0.0005), (12.0, 0.12))), 0.15, 12.0),
+    "ld06": LaserModel(RangeNoise(((12.0, 0.010),)), 0.02, 12.0),
+}
+
+
+def assumed_laser(name: str) -> LaserModel:
+    """The model of a laser by name. Raises ValueError, naming those there are, if there is none."""
+    if name not in ASSUMED_LASERS:
+        raise ValueError(f"no laser called '{name}'; there are: {', '.join(ASSUMED_LASERS)}")
+    return ASSUMED_LASERS[name]

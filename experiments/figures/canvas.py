@@ -1,0 +1,80 @@
+"""What all figures share: matplotlib without a display, the methods' colours, equal files."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")  # a file is all that is wanted, display or not
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+COLOURS = {
+    "odometry": "#7f7f7f",
+    "line": "#9467bd",
+    "paper": "#d62728",
+    "open3d": "#1f77b4",
+    "fast": "#ff8c1a",
+    "limit": "#00913a",
+    "limit_unfused": "#4fb3a5",
+    "limit_skewed": "#b5a642",
+}
+_FALLBACK_COLOUR = "#8c564b"
+_DASHED = {"limit_unfused": (0, (5, 1.5)), "limit_skewed": (0, (2, 1.2))}
+"""Variants of a method, told from it by more than a shade."""
+BOUND_STYLE: dict[str, Any] = {"color": "#000000", "lw": 3.2, "zorder": 5}
+
+
+def colour(method: str) -> str:
+    """The method's colour, the same in all figures."""
+    return COLOURS.get(method, _FALLBACK_COLOUR)
+
+
+def line_style(method: str) -> dict[str, Any]:
+    """The method's line: `limit` above all others, and thicker."""
+    is_limit = method == "limit"
+    return {
+        "color": colour(method),
+        "ls": _DASHED.get(method, "-"),
+        "lw": 2.6 if is_limit else 1.6,
+        "zorder": 6 if is_limit else 4,
+    }
+
+
+def label_decades(axis: Axis) -> None:
+    """Plain numbers along a logarithmic axis: 0.5, 1, 2, 5, 10 and so on."""
+    low, high = axis.get_view_interval()
+    subs = (1.0, 2.0, 5.0) if high < 1000 * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=30))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def legend_below(figure: Any, axis: Axes, ncols: int) -> None:
+    """One legend for all panels, which have the same things in them."""
+    handles, labels = axis.get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="outside lower center", ncols=ncols, fontsize=8)
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D):
+            handle.set_markersize(6)
+
+
+def saved(figure: Any, stem: Path) -> Path:
+    """Writes a figure as PNG and SVG. No dates or random names within: equal figures, equal files."""
+    path = stem.with_name(stem.name + ".png")
+    figure.savefig(path, dpi=130, metadata={"Software": None})
+    with plt.rc_context({"svg.hashsalt": stem.name}):
+        figure.savefig(stem.with_name(stem.name + ".svg"), metadata={"Date": None})
+    plt.close(figure)
+    return path
+
+
+def image_file(path: Path, pixels: np.ndarray) -> Path:
+    """Writes pixels (H, W, 3) as PNG, whatever the file is called."""
+    plt.imsave(path, pixels, format="png")
+    return path

@@ -1,0 +1,73 @@
+"""The beams of one scan in the robot's frame: where each starts, where it looks, what it measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.arrays import FloatArray, frozen_array
+from slam.measurements import LaserScan
+from slam.se2 import SE2
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """One scan, its beams where they were fired from as seen from the base at the scan's stamp.
+
+    origins_m: (N, 2) [m]; angles_rad: (N,) increasing, direction of each beam; ranges_m: (N,) as in
+    `LaserScan`. A scan taken at rest has one origin for all; a moving one as many as beams.
+    Raises ValueError on other shapes.
+    """
+
+    origins_m: FloatArray
+    angles_rad: FloatArray
+    ranges_m: FloatArray
+
+    def __post_init__(self) -> None:
+        angles_rad = frozen_array(self.angles_rad, (None,), "angles_rad")
+        object.__setattr__(self, "angles_rad", angles_rad)
+        shape = angles_rad.shape
+        object.__setattr__(self, "ranges_m", frozen_array(self.ranges_m, shape, "ranges_m"))
+        object.__setattr__(
+            self, "origins_m", frozen_array(self.origins_m, (*shape, 2), "origins_m")
+        )
+
+    def __len__(self) -> int:
+        return len(self.angles_rad)
+
+    @staticmethod
+    def of(scan: LaserScan, T_base_laser: SE2) -> Beams:
+        """The beams of a scan taken at rest."""
+        origins_m = np.tile([T_base_laser.x, T_base_laser.y], (len(scan.angles_rad), 1))
+        return Beams(origins_m, T_base_laser.theta + scan.angles_rad, scan.ranges_m)
+
+    @cached_property
+    def directions(self) -> FloatArray:
+        """(N, 2) unit vectors."""
+        return np.column_stack([np.cos(self.angles_rad), np.sin(self.angles_rad)])
+
+    @cached_property
+    def middle_m(self) -> FloatArray:
+        """(2,) the middle of the origins [m]."""
+        if len(self) == 0:
+            return np.zeros(2)
+        return (self.origins_m.min(axis=0) + self.origins_m.max(axis=0)) / 2.0
+
+    @cached_property
+    def spread_m(self) -> float:
+        """No origin is farther than this from the middle [m]."""
+        return float(np.hypot(*(self.origins_m - self.middle_m).T).max(initial=0.0))
+
+    @property
+    def is_hit(self) -> NDArray[np.bool_]:
+        """(N,) True where a beam measured a distance."""
+        return np.isfinite(self.ranges_m)
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Where the beams hit, (M, 2) [m], base frame, in their order; hits only."""
+        hit = self.is_hit
+        return self.origins_m[hit] + self.ranges_m[hit, np.newaxis] * self.directions[hit]

@@ -1,0 +1,77 @@
+"""Whether map, laser and wheels are as assumed: what innovations and residuals say of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from slam.scan_match import RangeFit
+
+_MEMORY = 50
+"""Chosen: about five seconds of scans count."""
+_MOST_NIS = 25.0
+"""One slip of a tire is no trend: it counts as so much at most."""
+_LEAST = 30
+"""Chosen: no word on trends before so many scans."""
+
+
+@dataclass
+class InnovationMonitor:
+    """Running means over the latest scans, and the warnings that follow from them.
+
+    Each names what was expected, what came and what to look at. Limits are chosen so that scans as
+    assumed, people among them, pass: means over 50 scans, each limit many deviations away.
+    """
+
+    nis_limit: float = 6.0
+    scale_limits: tuple[float, float] = (0.75, 1.3)
+    offset_limit_sigmas: float = 6.0
+    count: int = 0
+    _nis: float = 0.0
+    _scale: float = 0.0
+    _offset_information: float = 0.0
+    _offset_pull: float = 0.0
+    _is_new: bool = field(default=True, repr=False)
+
+    def take(self, nis: float | None, fit: RangeFit | None) -> None:
+        """Notes one scan's normalised innovation squared and the fit of its ranges."""
+        self.count += 1
+        share = 1.0 / min(self.count, _MEMORY)
+        if nis is not None:
+            self._nis += share * (min(nis, _MOST_NIS) - self._nis)
+        if fit is not None:
+            self._scale += share * (fit.scale - self._scale)
+            if math.isfinite(fit.offset_sigma_m) and fit.offset_sigma_m > 0.0:
+                information = fit.offset_sigma_m**-2
+                self._offset_information += information
+                self._offset_pull += information * fit.offset_m
+
+    @property
+    def offset_m(self) -> float:
+        """Mean range offset so far [m]."""
+        return self._offset_pull / self._offset_information if self._offset_information else 0.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What does not fit, in words; empty where all is as assumed."""
+        if self.count == 0:
+            return ()
+        said = []
+        low, high = self.scale_limits
+        if self._scale and not low <= self._scale <= high:
+            said.append(
+                f"ranges scatter {self._scale:.2f} times as wide as the laser model's noise says:"
+                " give it the right sigma"
+            )
+        sigmas = abs(self._offset_pull) / math.sqrt(self._offset_information or 1.0)
+        if sigmas > self.offset_limit_sigmas and abs(self.offset_m) > 0.001:
+            said.append(
+                f"ranges are {1000.0 * self.offset_m:+.1f} mm off the map on average, the same for"
+                " all beams: correct the laser's offset, or the map's scale"
+            )
+        if self.count >= _LEAST and self._nis > self.nis_limit:
+            said.append(
+                f"odometry and scan matches differ: normalised innovation {self._nis:.1f} where 3"
+                " is expected; check the laser's mounting and the wheels (slam.calibrate)"
+            )
+        return tuple(said)

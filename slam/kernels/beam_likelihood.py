@@ -1,0 +1,293 @@
+"""A scan against a map of walls: residuals of ranges, their sums, and Gauss-Newton over them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.kernels import compiled
+from slam.kernels.ray_casting import cast_fan
+
+# What `sums` holds: beams that tell; those that fit; those that ended behind the wall, or short of
+# it; squared residuals in sigmas, each counted as an inlier's largest at most; and what a range
+# offset common to all beams would do: its information, its pull, its product with the pose (3).
+USED, INLIERS, BEHIND, SHORT, COST = 0, 1, 2, 3, 4
+OFFSET_INFORMATION, OFFSET_PULL, OFFSET_CROSS = 5, 6, 7
+SUM_COUNT = 10
+
+_INLIER = 16.0
+"""Squared: a beam more than four sigmas off is no inlier; noise alone does it once in 16 000."""
+_LIMIT_SIGMAS = 3.0
+_MIN_COSINE = 0.02
+"""Chosen: a degree; flatter beams give no return on real walls."""
+_DAMPING = 1e-9
+_ROOT_TWO_PI = 2.5066282746310002
+_LEAST_JUMP_M = 0.02
+"""A smaller jump than this mixes nothing that noise would not hide."""
+
+
+@compiled
+def sigma_at(noise: FloatArray, range_m: float) -> float:
+    """Standard deviation at a range: points noise (K, 2), straight lines between."""
+    last = noise.shape[0] - 1
+    if range_m <= noise[0, 0]:
+        return float(noise[0, 1])
+    for k in range(1, last + 1):
+        if range_m <= noise[k, 0]:
+            share = (range_m - noise[k - 1, 0]) / (noise[k, 0] - noise[k - 1, 0])
+            return float(noise[k - 1, 1] + share * (noise[k, 1] - noise[k - 1, 1]))
+    return float(noise[last, 1])
+
+
+@compiled
+def normals_into(vertices: FloatArray, walls: IntArray, normals: FloatArray) -> None:
+    """(W, 2) unit normals of walls, on their left."""
+    for w in range(walls.shape[0]):
+        a, b = walls[w, 0], walls[w, 1]
+        ex, ey = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
+        length = math.hypot(ex, ey)
+        normals[w, 0] = -ey / length
+        normals[w, 1] = ex / length
+
+
+@compiled
+def mixing_density(predicted: FloatArray, i: int, z: float, margin: float) -> float:
+    """Density [1/m] of a range z of beam i, were its light shared with a neighbour's wall; 0 if z
+    does not lie between the two, give or take a margin."""
+    h, density = predicted[i], 0.0
+    for j in (i - 1, i + 1):
+        if 0 <= j < predicted.shape[0] and math.isfinite(predicted[j]):
+            jump = abs(predicted[j] - h)
+            low, high = min(h, predicted[j]), max(h, predicted[j])
+            if jump > _LEAST_JUMP_M and low - margin < z < high + margin:
+                density = max(density, 1.0 / jump)
+    return density
+
+
+@compiled
+def look(
+    map_normals: FloatArray,
+    wall_sigmas: FloatArray,
+    origins: FloatArray,
+    directions: FloatArray,
+    measured: FloatArray,
+    noise: FloatArray,
+    limits: FloatArray,
+    outliers: FloatArray,
+    blur: float,
+    heading: float,
+    predicted: FloatArray,
+    hit_walls: IntArray,
+    is_kept: BoolArray,
+    information: FloatArray,
+    pull: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """One look at all beams, their predicted ranges known: what Gauss-Newton and a verdict need.
+
+    Residual z - h of each beam, h its range on the map; gradient of h by a motion (x, y, theta) of
+    the base in its own frame. A beam's weight is the probability that it is no outlier: Gaussian
+    about h against evenly spread (Thrun, Burgard and Fox 2005, Section 6.3, "beam model").
+
+    wall_sigmas: (W,) how far each wall may be out of place. limits: (2,) ranges that the laser
+    measures. outliers: (2,) odds of an outlier against a good beam, per metre of range; and of a
+    mixed pixel, anywhere between its wall and that of a neighbour.
+    blur: standard deviation [m] of the position, across its wall, added to every beam.
+    information: (3, 3), pull: (3,), sums: (SUM_COUNT,) results.
+    """
+    information[:] = 0.0
+    pull[:] = 0.0
+    sums[:] = 0.0
+    c, s = math.cos(heading), math.sin(heading)
+    xx = xy = xt = yy = yt = tt = 0.0
+    px = py = pt = 0.0
+    for i in range(measured.shape[0]):
+        z, wall = measured[i], hit_walls[i]
+        if not math.isfinite(z) or not is_kept[i]:
+            continue
+        if wall < 0:  # it met something where the map has nothing as far as the laser reaches
+            sums[USED] += 1.0
+            sums[SHORT] += 1.0
+            sums[COST] += _INLIER
+            continue
+        h = predicted[i]
+        sigma = sigma_at(noise, h)
+        # chosen by the prediction: chosen by what was measured, noise would pull walls at the limit
+        if h > limits[1] - _LIMIT_SIGMAS * sigma or h < limits[0] + _LIMIT_SIGMAS * sigma:
+            continue
+        nx = c * map_normals[wall, 0] + s * map_normals[wall, 1]
+        ny = c * map_normals[wall, 1] - s * map_normals[wall, 0]
+        ux, uy = directions[i, 0], directions[i, 1]
+        cosine = nx * ux + ny * uy
+        if abs(cosine) < _MIN_COSINE:
+            continue
+        wall_sigma = wall_sigmas[wall]
+        across = wall_sigma * wall_sigma + blur * blur
+        variance = sigma * sigma + across / (cosine * cosine)
+        residual = z - h
+        squared = residual * residual / variance
+        sums[USED] += 1.0
+        if squared < _INLIER:
+            sums[INLIERS] += 1.0
+            sums[COST] += squared
+        else:
+            sums[COST] += _INLIER
+            if residual > 0.0:
+                sums[BEHIND] += 1.0
+            else:
+                sums[SHORT] += 1.0
+            if squared > 100.0:
+                continue  # its weight is below e-18
+        deviation = math.sqrt(variance)
+        density = outliers[0] + outliers[1] * mixing_density(predicted, i, z, 2.0 * deviation)
+        bell = math.exp(-0.5 * squared)
+        weight = bell / (bell + _ROOT_TWO_PI * density * deviation)
+        gx, gy = -nx / cosine, -ny / cosine
+        gt = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
+        weight /= variance
+        sums[OFFSET_INFORMATION] += weight
+        sums[OFFSET_PULL] += weight * residual
+        sums[OFFSET_CROSS] += weight * gx
+        sums[OFFSET_CROSS + 1] += weight * gy
+        sums[OFFSET_CROSS + 2] += weight * gt
+        px += weight * residual * gx
+        py += weight * residual * gy
+        pt += weight * residual * gt
+        xx += weight * gx * gx
+        xy += weight * gx * gy
+        xt += weight * gx * gt
+        yy += weight * gy * gy
+        yt += weight * gy * gt
+        tt += weight * gt * gt
+    pull[0], pull[1], pull[2] = px, py, pt
+    information[0, 0], information[1, 1], information[2, 2] = xx, yy, tt
+    information[0, 1] = information[1, 0] = xy
+    information[0, 2] = information[2, 0] = xt
+    information[1, 2] = information[2, 1] = yt
+
+
+@compiled
+def solved(information: FloatArray, pull: FloatArray, out: FloatArray) -> None:
+    """The Gauss-Newton step: information \\ pull, with directions that nothing fixes left alone."""
+    a = information[0, 0] + _DAMPING * (1.0 + information[0, 0])
+    b = information[0, 1]
+    c = information[0, 2]
+    d = information[1, 1] + _DAMPING * (1.0 + information[1, 1])
+    e = information[1, 2]
+    f = information[2, 2] + _DAMPING * (1.0 + information[2, 2])
+    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * aa + b * bb + c * cc
+    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
+    if not determinant > 0.0:
+        out[:] = 0.0
+        return
+    out[0] = (aa * pull[0] + bb * pull[1] + cc * pull[2]) / determinant
+    out[1] = (bb * pull[0] + dd * pull[1] + ee * pull[2]) / determinant
+    out[2] = (cc * pull[0] + ee * pull[1] + ff * pull[2]) / determinant
+
+
+@compiled
+def moved(pose: FloatArray, step: FloatArray) -> None:
+    """The pose moved by a twist in its own frame, in place: pose @ exp(step)."""
+    omega = step[2]
+    if abs(omega) < 1e-4:
+        sine, cosine = 1.0 - omega * omega / 6.0, omega / 2.0
+    else:
+        sine, cosine = math.sin(omega) / omega, (1.0 - math.cos(omega)) / omega
+    dx = sine * step[0] - cosine * step[1]
+    dy = cosine * step[0] + sine * step[1]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    pose[0] += c * dx - s * dy
+    pose[1] += s * dx + c * dy
+    pose[2] += omega
+
+
+@compiled
+def keep_smooth(
+    vertices: FloatArray,
+    walls: IntArray,
+    origins: FloatArray,
+    directions: FloatArray,
+    angles: FloatArray,
+    middle: FloatArray,
+    spread: float,
+    reach: float,
+    noise: FloatArray,
+    covariance: FloatArray,
+    sigmas: float,
+    bend: float,
+    bearings: FloatArray,
+    predicted: FloatArray,
+    hit_walls: IntArray,
+    is_kept: BoolArray,
+) -> None:
+    """Drops the beams whose range is not a straight function of the pose over its uncertainty.
+
+    Each beam is shifted sideways by `sigmas` standard deviations of where it passes its hit, given
+    the covariance (3, 3) of the pose (base frame), to either side: where its range then leaves the
+    tangent by more than `bend` sigmas of its noise, the beam passes an edge or touches something
+    round, and its gradient says nothing. is_kept: (N,) result.
+    """
+    count = angles.shape[0]
+    shifted, ranges, hits = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
+    shifts = np.zeros(count)
+    widest = 0.0
+    for i in range(count):
+        is_kept[i] = hit_walls[i] >= 0
+        if not is_kept[i]:
+            continue
+        ux, uy, h = directions[i, 0], directions[i, 1], predicted[i]
+        ax, ay = -uy, ux
+        at = h + (origins[i, 0] * ux + origins[i, 1] * uy)
+        variance = (
+            ax * ax * covariance[0, 0] + ay * ay * covariance[1, 1] + at * at * covariance[2, 2]
+            + 2.0 * (ax * ay * covariance[0, 1] + ax * at * covariance[0, 2] + ay * at * covariance[1, 2])
+        )  # fmt: skip
+        shifts[i] = sigmas * math.sqrt(max(variance, 0.0))
+        widest = max(widest, shifts[i])
+    for side in range(2):
+        sign = 1.0 - 2.0 * side
+        for i in range(count):
+            shifted[i, 0] = origins[i, 0] - sign * shifts[i] * directions[i, 1]
+            shifted[i, 1] = origins[i, 1] + sign * shifts[i] * directions[i, 0]
+        cast_fan(
+            vertices, walls, shifted, directions, angles, middle, spread + widest, reach, bearings,
+            ranges, hits,
+        )  # fmt: skip
+        for i in range(count):
+            if not is_kept[i]:
+                continue
+            a, b = walls[hit_walls[i], 0], walls[hit_walls[i], 1]
+            ex, ey = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
+            ux, uy = directions[i, 0], directions[i, 1]
+            # along the wall's line, a step aside by 1 makes the beam longer by the tangent
+            tangent = (ex * ux + ey * uy) / (ux * ey - uy * ex) if ux * ey != uy * ex else np.inf
+            expected = predicted[i] - sign * shifts[i] * tangent
+            limit = bend * sigma_at(noise, predicted[i])
+            is_kept[i] = abs(ranges[i] - expected) <= limit
+
+
+@compiled
+def inverted(information: FloatArray) -> FloatArray:
+    """(3, 3) inverse of an information matrix; directions without information get a metre, a radian."""
+    return np.linalg.inv(information + np.eye(3))
+
+
+@compiled
+def residual_scale(
+    noise: FloatArray, measured: FloatArray, predicted: FloatArray, is_kept: BoolArray
+) -> float:
+    """How many times wider the residuals of a scan scatter than its noise: 1 where all is right.
+
+    From the median of their magnitudes, which a third of outliers moves little; 1 without beams.
+    """
+    magnitudes, count = np.empty(measured.shape[0]), 0
+    for i in range(measured.shape[0]):
+        if is_kept[i] and math.isfinite(measured[i]) and math.isfinite(predicted[i]):
+            magnitudes[count] = abs(measured[i] - predicted[i]) / sigma_at(noise, predicted[i])
+            count += 1
+    if count == 0:
+        return 1.0
+    return float(np.median(magnitudes[:count])) / 0.6744897501960817

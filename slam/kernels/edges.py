@@ -1,0 +1,184 @@
+"""What beams that pass an edge tell: their ranges jump with the pose, so no gradient describes them.
+
+Each such beam is a likelihood over one number, how far the robot stands to the side of the beam.
+Expectation propagation (Minka, 2001) joins these with the Gaussian of all other beams.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from slam.arrays import FloatArray, IntArray
+from slam.kernels import compiled
+from slam.kernels.beam_likelihood import sigma_at
+
+_MIN_PRECISION = 1e-3
+_ROOT_TWO_PI = 2.5066282746310002
+_DAMPING = 0.8
+"""Chosen: full steps of expectation propagation may swing between two edges that disagree."""
+
+
+@compiled
+def ranges_beside(
+    vertices: FloatArray,
+    walls: IntArray,
+    beams: IntArray,
+    origins: FloatArray,
+    directions: FloatArray,
+    shifts: FloatArray,
+    reach: float,
+    ranges: FloatArray,
+) -> None:
+    """Range of each chosen beam from origins shifted to its left; inf where nothing is hit.
+
+    beams: (E,) which of the (N, 2) origins and directions. shifts: (E, K) [m], increasing.
+    ranges: (E, K) results.
+    """
+    node_count = shifts.shape[1]
+    for e in range(beams.shape[0]):
+        i = beams[e]
+        ranges[e] = np.inf
+        ux, uy = directions[i, 0], directions[i, 1]
+        low, high = shifts[e, 0], shifts[e, node_count - 1]
+        step = (high - low) / (node_count - 1)
+        for w in range(walls.shape[0]):
+            a, b = walls[w, 0], walls[w, 1]
+            ax, ay = vertices[a, 0] - origins[i, 0], vertices[a, 1] - origins[i, 1]
+            left_a = ax * -uy + ay * ux
+            bx, by = vertices[b, 0] - origins[i, 0], vertices[b, 1] - origins[i, 1]
+            left_b = bx * -uy + by * ux
+            if max(left_a, left_b) < low or min(left_a, left_b) > high:
+                continue
+            ahead_a, ahead_b = ax * ux + ay * uy, bx * ux + by * uy
+            if max(ahead_a, ahead_b) <= 0.0 or min(ahead_a, ahead_b) > reach:
+                continue
+            if left_a > left_b:
+                left_a, left_b = left_b, left_a
+                ahead_a, ahead_b = ahead_b, ahead_a
+            slope = (ahead_b - ahead_a) / (left_b - left_a) if left_b > left_a else 0.0
+            first = max(0, int(math.ceil((left_a - low) / step)))
+            last = min(node_count - 1, int(math.floor((left_b - low) / step)))
+            for k in range(first, last + 1):
+                ahead = ahead_a + slope * (low + k * step - left_a)
+                if 0.0 < ahead < ranges[e, k]:
+                    ranges[e, k] = ahead
+
+
+@compiled
+def propagate(
+    information: FloatArray,
+    axes: FloatArray,
+    shifts: FloatArray,
+    likelihoods: FloatArray,
+    sweeps: int,
+    mean: FloatArray,
+    covariance: FloatArray,
+) -> None:
+    """Mean (3,) and covariance (3, 3) of a pose, given a Gaussian at zero and what edges tell.
+
+    information: (3, 3) of the Gaussian. axes: (E, 3): sideways shift of each beam by a motion of
+    the base. shifts, likelihoods: (E, K), a beam's likelihood where it is shifted by so much.
+    """
+    count = axes.shape[0]
+    precisions, pulls = np.zeros(count), np.zeros(count)
+    total, total_pull = information.copy(), np.zeros(3)
+    covariance[:] = np.linalg.inv(total)
+    mean[:] = 0.0
+    for _ in range(sweeps):
+        for e in range(count):
+            axis = axes[e]
+            carried = covariance @ axis
+            variance = axis @ carried
+            centre = axis @ mean
+            # the cavity: what all others say of this beam's shift
+            cavity_precision = 1.0 / variance - precisions[e]
+            if not cavity_precision > 0.0:
+                continue
+            cavity = 1.0 / cavity_precision
+            cavity_mean = cavity * (centre / variance - pulls[e])
+            mass = first = second = 0.0
+            for k in range(shifts.shape[1]):
+                off = shifts[e, k] - cavity_mean
+                share = math.exp(-0.5 * off * off * cavity_precision) * likelihoods[e, k]
+                mass += share
+                first += share * off
+                second += share * off * off
+            if not mass > 1e-300:
+                continue
+            tilted_mean = cavity_mean + first / mass
+            tilted = second / mass - (first / mass) ** 2
+            # no narrower than the nodes can tell
+            step = shifts[e, 1] - shifts[e, 0]
+            tilted = max(tilted, step * step / 3.0)
+            precision = max(1.0 / tilted - cavity_precision, _MIN_PRECISION * cavity_precision)
+            pull = tilted_mean * (precision + cavity_precision) - cavity_mean * cavity_precision
+            precision_step = _DAMPING * (precision - precisions[e])
+            pull_step = _DAMPING * (pull - pulls[e])
+            precisions[e] += precision_step
+            pulls[e] += pull_step
+            for j in range(3):
+                total_pull[j] += pull_step * axis[j]
+                for m in range(3):
+                    total[j, m] += precision_step * axis[j] * axis[m]
+            covariance[:] = np.linalg.inv(total)
+            mean[:] = covariance @ total_pull
+
+
+@compiled
+def edge_likelihoods(
+    ranges: FloatArray,
+    beams: IntArray,
+    measured: FloatArray,
+    noise: FloatArray,
+    limits: FloatArray,
+    outliers: FloatArray,
+    predicted: FloatArray,
+    likelihoods: FloatArray,
+) -> None:
+    """(E, K) likelihood of each chosen beam's measured range, were it to look at these (E, K).
+
+    The density of the beam model, times the square root of 2 pi; a beam of which nothing can be
+    said has the same everywhere. Light that an edge splits gives anything between its two walls,
+    those that the beam or its neighbours (N,) predicted see.
+    """
+    for e in range(beams.shape[0]):
+        i = beams[e]
+        z = measured[i]
+        near, far = np.inf, 0.0
+        for k in range(ranges.shape[1]):
+            if math.isfinite(ranges[e, k]):
+                near, far = min(near, ranges[e, k]), max(far, ranges[e, k])
+        for j in (i - 1, i + 1):
+            if 0 <= j < predicted.shape[0] and math.isfinite(predicted[j]):
+                near, far = min(near, predicted[j]), max(far, predicted[j])
+        root = outliers[0] * _ROOT_TWO_PI
+        margin = 2.0 * sigma_at(noise, far)
+        if near - margin < z < far + margin:
+            root += outliers[1] * _ROOT_TWO_PI / max(far - near, margin)
+        for k in range(ranges.shape[1]):
+            h = ranges[e, k]
+            likelihoods[e, k] = root
+            if not math.isfinite(h):
+                continue
+            sigma = sigma_at(noise, h)
+            if limits[0] + 3.0 * sigma <= h <= limits[1] - 3.0 * sigma:
+                q = (z - h) / sigma
+                likelihoods[e, k] += math.exp(-0.5 * q * q) / sigma
+
+
+@compiled
+def smoothed(likelihoods: FloatArray, times: int) -> None:
+    """Likelihoods (E, K) averaged with their neighbours 1 : 2 : 1, in place, so many times over.
+
+    An edge is never known better than its nodes lie apart.
+    """
+    last = likelihoods.shape[1] - 1
+    for e in range(likelihoods.shape[0]):
+        for _ in range(times):
+            before = likelihoods[e, 0]
+            for k in range(last + 1):
+                here, after = likelihoods[e, k], likelihoods[e, min(k + 1, last)]
+                likelihoods[e, k] = 0.25 * before + 0.5 * here + 0.25 * after
+                before = here

@@ -1,0 +1,252 @@
+"""The methods: each finds the pose of a scan on a map that it knows, from a predicted pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beam_likelihood import BeamConfig, BeamMatch, covariance_of, match_beams
+from slam.beams import Beams
+from slam.icp import CoarseToFineConfig, IcpConfig, match_scan, match_scan_coarse_to_fine
+from slam.laser_model import LaserModel
+from slam.lines import LineConfig, LineMap, match_lines
+from slam.observability import held
+from slam.point_map import PointMap
+from slam.range_noise import RangeNoise
+from slam.scan_match import IcpStep, MatchStatus, RangeFit, ScanMatch
+from slam.scan_matching import SurfelMatch, SurfelMatchConfig, match_surfels
+from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from slam.surfel_grid import SurfelGrid
+
+
+class Matcher(Protocol):
+    """A method: finds the pose of a scan on a map that it knows, from a predicted pose.
+
+    Whatever keeps this signature works in a `Localizer`; it may search the whole map.
+    """
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """T_map_base of the scan, and whether to believe it."""
+        ...
+
+
+@dataclass(frozen=True)
+class OdometryMatcher:
+    """Method `odometry`: dead reckoning. The scan is not looked at, so nothing is ever matched."""
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """The prediction."""
+        return ScanMatch(T_predicted, MatchStatus.NOT_ATTEMPTED)
+
+
+@dataclass(frozen=True)
+class LineMatcher:
+    """Method `line`: the laboratory's before the paper, straight lines matched with known walls."""
+
+    line_map: LineMap
+    config: LineConfig = field(default_factory=LineConfig)
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """The pose that lays the scan's lines on the known walls."""
+        return match_lines(beams, self.line_map, T_predicted, self.config)
+
+
+@dataclass(frozen=True)
+class PaperMatcher:
+    """Method `paper`: plain point-to-point ICP from the odometry pose."""
+
+    point_map: PointMap
+    config: IcpConfig = field(default_factory=IcpConfig)
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """The pose at which step 5 ended."""
+        match = match_scan(beams.points, self.point_map, T_predicted, self.config)
+        return _as_far_as_held(match, beams.points, self.point_map, T_predicted)
+
+
+@dataclass(frozen=True)
+class Open3dMatcher:
+    """Method `open3d`: Open3D's ICP, coarse to fine, run to convergence and judged.
+
+    range_noise: of the laser; points of near, surer ranges then count more. None: all count alike.
+    """
+
+    point_map: PointMap
+    config: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
+    range_noise: RangeNoise | None = None
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """The pose at which the finest stage settled."""
+        points_base = beams.points
+        if self.range_noise is not None:
+            repeats = self.range_noise.repeats(beams.ranges_m[beams.is_hit])
+            points_base = np.repeat(points_base, repeats, axis=0)
+        match = match_scan_coarse_to_fine(points_base, self.point_map, T_predicted, self.config)
+        return _as_far_as_held(match, beams.points, self.point_map, T_predicted)
+
+
+def _as_far_as_held(
+    match: ScanMatch, points_base: FloatArray, point_map: PointMap, T_predicted: SE2
+) -> ScanMatch:
+    """The match; where the scan leaves a direction open, the prediction along it, and no belief."""
+    if not match.is_matched:
+        return match
+    T_map_base, is_open = held(points_base, point_map, T_predicted, match.T_map_base)
+    if not is_open:
+        return match
+    return replace(match, T_map_base=T_map_base, status=MatchStatus.DEGENERATE)
+
+
+@dataclass(frozen=True)
+class VerdictConfig:
+    """When a match that knows its covariance is believed.
+
+    min_beams: fewer tell of no room. min_inlier_ratio: share of the beams that the map explains;
+    three pairs of legs leave nine tenths, a wrong pose in a room seldom more than half.
+    max_behind_ratio: share that passed through walls; right poses stay below 3 %.
+    max_sigma_m, max_sigma_rad: wider than this along any direction, the scan leaves it open.
+    """
+
+    min_beams: int = 20
+    min_inlier_ratio: float = 0.6
+    max_behind_ratio: float = 0.15
+    max_sigma_m: float = 0.05
+    max_sigma_rad: float = 0.035
+
+    def is_open(self, information: FloatArray) -> bool:
+        """True where some direction, or the heading, is not known well enough to be believed."""
+        covariance = covariance_of(information)
+        if not np.isfinite(covariance).all():
+            return True
+        widest_m = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[1]), 0.0))
+        return widest_m > self.max_sigma_m or math.sqrt(covariance[2, 2]) > self.max_sigma_rad
+
+
+_NEAR_HEADINGS_RAD = (0.0, 0.175, -0.175, 0.35, -0.35)
+_NEAR_SHIFTS_M = ((0.0, 0.0), (0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2))
+
+
+def _starts_around(T_predicted: SE2) -> Iterable[SE2]:
+    """Poses within 20 cm or 20 degrees of the predicted one, itself not among them."""
+    for x, y in _NEAR_SHIFTS_M:
+        for heading_rad in _NEAR_HEADINGS_RAD:
+            if x or y or heading_rad:
+                yield T_predicted @ SE2(x, y, heading_rad)
+
+
+@dataclass(frozen=True)
+class FastMatcher:
+    """Method `fast`: Gauss-Newton on the surfaces of a grid, in tens of microseconds.
+
+    good_cost: below it the first result stands; above, other starts within 20 cm and 20 degrees
+    are tried. max_cost: above it no pose is believed. Costs are 0.15 at a right pose, 0.25 in a
+    crowd, above 0.5 at a wrong one.
+    """
+
+    grid: SurfelGrid
+    laser: LaserModel
+    config: SurfelMatchConfig = field(default_factory=SurfelMatchConfig)
+    verdict: VerdictConfig = field(default_factory=VerdictConfig)
+    good_cost: float = 0.3
+    max_cost: float = 0.45
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """The pose at which the points lie on the surfaces."""
+        found = self.nearest(beams, T_predicted)
+        path = (
+            IcpStep(T_predicted, math.inf, 0),
+            IcpStep(found.T_map_base, found.cost, found.point_count),
+        )
+        match = ScanMatch(
+            found.T_map_base,
+            MatchStatus.LOST,
+            found.cost,
+            found.point_count,
+            path,
+            found.information,
+        )
+        if found.point_count < self.verdict.min_beams or not found.cost <= self.max_cost:
+            return match
+        if self.verdict.is_open(found.information):
+            return replace(match, status=MatchStatus.DEGENERATE)
+        is_settled = found.is_settled
+        return replace(
+            match, status=MatchStatus.MATCHED if is_settled else MatchStatus.NOT_CONVERGED
+        )
+
+    def nearest(self, beams: Beams, T_predicted: SE2) -> SurfelMatch:
+        """The best of what the starts lead to; the predicted pose alone, where that is good."""
+        scan = (beams.points, beams.middle_m, self.grid, self.laser.noise_table)
+        best = match_surfels(*scan, T_predicted, self.config)
+        if best.cost <= self.good_cost or best.point_count == 0:
+            return best
+        others = [match_surfels(*scan, start, self.config) for start in _starts_around(T_predicted)]
+        return min([best, *others], key=lambda match: match.cost)
+
+
+@dataclass(frozen=True)
+class LimitMatcher:
+    """Method `limit`: the most likely pose by the beams' own ranges, its covariance with it.
+
+    fast: finds the neighbourhood, in which the likelihood is then climbed.
+    good_inlier_ratio: below it, all starts around are climbed from, and the best is taken.
+    """
+
+    segment_map: SegmentMap
+    laser: LaserModel
+    fast: FastMatcher
+    config: BeamConfig = field(default_factory=BeamConfig)
+    verdict: VerdictConfig = field(default_factory=VerdictConfig)
+    good_inlier_ratio: float = 0.8
+
+    def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
+        """The pose from which the map explains the ranges best."""
+        if np.count_nonzero(beams.is_hit) < self.verdict.min_beams:
+            return ScanMatch(T_predicted, MatchStatus.LOST)
+        near = self.fast.nearest(beams, T_predicted)
+        best = self._climbed(beams, near.T_map_base)
+        if best.inlier_ratio < self.good_inlier_ratio or not best.is_settled:
+            best = self._best_around(beams, T_predicted, best)
+        path = (
+            IcpStep(T_predicted, math.inf, 0),
+            IcpStep(near.T_map_base, near.cost, near.point_count),
+            IcpStep(best.T_map_base, best.cost, best.used),
+        )
+        fit = RangeFit(best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m)
+        return ScanMatch(
+            best.T_map_base, self._status(best), best.cost, best.used, path, best.information, fit
+        )
+
+    def _climbed(self, beams: Beams, T_start: SE2) -> BeamMatch:
+        return match_beams(beams, self.segment_map, self.laser, T_start, self.config)
+
+    def _best_around(self, beams: Beams, T_predicted: SE2, best: BeamMatch) -> BeamMatch:
+        """The most likely of what the prediction itself and the starts around it lead to."""
+        scan = (beams.points, beams.middle_m, self.fast.grid, self.laser.noise_table)
+        found = [
+            match_surfels(*scan, T_start, self.fast.config)
+            for T_start in _starts_around(T_predicted)
+        ]
+        found.sort(key=lambda match: match.cost)
+        starts = [T_predicted, *(match.T_map_base for match in found[:3])]
+        ends = [best, *(self._climbed(beams, T) for T in starts)]
+        return min(ends, key=lambda match: (not match.is_settled, match.cost))
+
+    def _status(self, match: BeamMatch) -> MatchStatus:
+        verdict = self.verdict
+        fits = match.inlier_ratio >= verdict.min_inlier_ratio
+        if (
+            match.used < verdict.min_beams
+            or not fits
+            or match.behind_ratio > verdict.max_behind_ratio
+        ):
+            return MatchStatus.LOST
+        if verdict.is_open(match.information):
+            return MatchStatus.DEGENERATE
+        return MatchStatus.MATCHED if match.is_settled else MatchStatus.NOT_CONVERGED

@@ -1,0 +1,79 @@
+"""Whether a scan holds a pose in every direction: what an ICP without normals cannot say itself."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.point_map import PointMap
+from slam.se2 import SE2, wrap_angle
+
+_SHIFT_M = 0.2
+"""Chosen: far beyond the spacing of a map's points and the noise of a laser."""
+_LEAST_SHARE = 0.0004
+"""Chosen: the least of 600 scans of two real buildings that found their pose was 0.0005; corridors
+in which scans slid have none."""
+_MOST_POINTS = 200
+
+
+def held(
+    points_base: FloatArray, point_map: PointMap, T_predicted: SE2, T_map_base: SE2
+) -> tuple[SE2, bool]:
+    """The pose found, as far as the scan holds it; and whether it leaves a direction open.
+
+    points_base: (N, 2) [m]. Along an open direction the prediction stands: one along which the mean
+    squared distance to the map is less curved than 0.04 % of the points on a wall across would
+    make it, by shifts and turns of 0.2 m to either side. A single wall, a corridor without an end,
+    a round wall all around.
+    """
+    if len(points_base) < 3 or len(point_map) == 0:
+        return T_predicted, True
+    points = points_base[:: max(1, len(points_base) // _MOST_POINTS)]
+    centre = points.mean(axis=0)
+    lever_m = max(math.sqrt(float(np.mean(np.sum((points - centre) ** 2, axis=1)))), 1e-3)
+    shares, directions = np.linalg.eigh(_curvature(T_map_base @ points, lever_m, point_map))
+    is_open = shares < _LEAST_SHARE
+    if not is_open.any():
+        return T_map_base, False
+    centre_predicted = (T_predicted @ centre[np.newaxis])[0]
+    moved_m = np.append(
+        (T_map_base @ centre[np.newaxis])[0] - centre_predicted,
+        lever_m * wrap_angle(T_map_base.theta - T_predicted.theta),
+    )
+    for direction in directions.T[is_open]:
+        moved_m -= direction * (direction @ moved_m)
+    turned = SE2(0.0, 0.0, T_predicted.theta + moved_m[2] / lever_m)
+    x, y = centre_predicted + moved_m[:2] - (turned @ centre[np.newaxis])[0]
+    return SE2(x, y, turned.theta), True
+
+
+def _curvature(points_map: FloatArray, lever_m: float, point_map: PointMap) -> FloatArray:
+    """(3, 3) of the mean squared distance, by x, y, and turns about the middle times the lever; 1
+    where every point lies on a wall across."""
+    middle, here_m2 = points_map.mean(axis=0), _mean_squared_m2(points_map, point_map)
+
+    def rise(direction: FloatArray) -> float:
+        x, y, turn = _SHIFT_M * direction
+        there_m2 = 0.0
+        for sign in (1.0, -1.0):
+            motion = SE2(sign * x, sign * y, sign * turn / lever_m)
+            there_m2 += _mean_squared_m2(middle + motion @ (points_map - middle), point_map) / 2.0
+        return (there_m2 - here_m2) / _SHIFT_M**2
+
+    form = np.diag([rise(axis) for axis in np.eye(3)])
+    for j, k in itertools.combinations(range(3), 2):
+        diagonal = (np.eye(3)[j] + np.eye(3)[k]) / math.sqrt(2.0)
+        form[j, k] = form[k, j] = rise(diagonal) - (form[j, j] + form[k, k]) / 2.0
+    return form
+
+
+def _mean_squared_m2(points_map: FloatArray, point_map: PointMap) -> float:
+    """Mean of squared distances to the map [m2], each counted as twice the shift at most."""
+    pairs = point_map.nearest(points_map, 2.0 * _SHIFT_M)
+    squared_m2 = np.full(len(points_map), (2.0 * _SHIFT_M) ** 2)
+    differences = points_map[pairs.scan_ids] - point_map.points[pairs.map_ids]
+    squared_m2[pairs.scan_ids] = np.sum(differences**2, axis=1)
+    return float(squared_m2.mean())

@@ -1,0 +1,85 @@
+"""A grid over the map that knows, in each cell, the nearest piece of surface."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from slam.arrays import FloatArray
+from slam.segment_map import SegmentMap
+
+_MAX_CELLS = 16_000_000
+_LEAST_SIGMA_M = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class SurfelGrid:
+    """The surface nearest to each cell's middle: its line itself, not a distance sampled there.
+
+    So a wall is where it is to the micrometre, wherever it lies within its cells.
+    surfels: (rows * columns, 4) float32: unit normal, offset along it, standard
+    deviation [m]; 0 where no surface is within reach. is_one_sided: normals point to the open side.
+
+    """
+
+    surfels: NDArray[np.float32]
+    columns: int
+    origin_m: FloatArray
+    cell_m: float
+    is_one_sided: bool
+
+    @staticmethod
+    def of(segment_map: SegmentMap, cell_m: float = 0.02, reach_m: float = 0.5) -> SurfelGrid:
+        """The grid of a map of walls, for points within reach of them.
+
+        cell_m: coarser in maps too large for it. Raises ValueError for an empty map.
+        """
+        if len(segment_map) == 0:
+            raise ValueError("the map has no walls: there is no surface to match with")
+        ends = segment_map.segments.reshape(-1, 2)
+        lower, upper = ends.min(axis=0) - reach_m, ends.max(axis=0) + reach_m
+        area_m2 = float(np.prod(upper - lower))
+        cell_m = max(cell_m, math.sqrt(area_m2 / _MAX_CELLS))
+        columns, rows = (np.ceil((upper - lower) / cell_m).astype(int) + 1).tolist()
+        nearest, is_near = _nearest_walls(segment_map, lower, rows, columns, cell_m, reach_m)
+        normals = segment_map.normals[nearest]
+        offsets = np.sum(normals * segment_map.segments[nearest, 0], axis=1)
+        surfels = np.zeros((rows * columns, 4), dtype=np.float32)
+        sigmas = np.maximum(segment_map.sigma_m[nearest], _LEAST_SIGMA_M)
+        surfels[is_near] = np.column_stack([normals, offsets, sigmas])[is_near]
+        return SurfelGrid(surfels, columns, lower, cell_m, segment_map.is_one_sided)
+
+
+def _nearest_walls(
+    segment_map: SegmentMap,
+    lower: FloatArray,
+    rows: int,
+    columns: int,
+    cell_m: float,
+    reach_m: float,
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """(rows * columns,) which wall is nearest to the middle of each cell, and whether in reach."""
+    points, owners = _sampled(segment_map.segments, cell_m / 2.0)
+    x = lower[0] + (np.arange(columns) + 0.5) * cell_m
+    y = lower[1] + (np.arange(rows) + 0.5) * cell_m
+    middles = np.column_stack([np.tile(x, rows), np.repeat(y, columns)])
+    distances_m, nearest = cKDTree(points).query(middles, distance_upper_bound=reach_m)
+    is_near = np.isfinite(distances_m)
+    return owners[np.where(is_near, nearest, 0)], is_near
+
+
+def _sampled(segments: FloatArray, spacing_m: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Points (K, 2) along segments (S, 2, 2), off their ends, and (K,) whose they are.
+
+    Off the ends, where two walls meet: a point of both would belong to either by chance.
+    """
+    along = segments[:, 1] - segments[:, 0]
+    counts = np.maximum(np.ceil(np.hypot(*along.T) / spacing_m).astype(int), 1)
+    owners = np.repeat(np.arange(len(segments)), counts)
+    firsts = np.repeat(np.cumsum(counts) - counts, counts)
+    share = (np.arange(counts.sum()) - firsts + 0.5) / np.repeat(counts, counts)
+    return segments[owners, 0] + share[:, np.newaxis] * along[owners], owners
