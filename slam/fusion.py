@@ -18,8 +18,9 @@ class WheelPrior:
     on a straight metre by unequal wheels [rad/m]; side_slip_s: metres to the left per metre driven
     and radian turned per second, by which tires give way in a curve [s]; lag_s: by which the body
     follows the wheels, forward and turning, as the speed changes [s]; turn_shift_m: way forward per
-    radian turned on the spot by unequal wheels [m]. chosen: what a tape measure leaves; a slip of
-    3 mm/s at 1 m/s and 1 rad/s; a hundredth of a second.
+    radian turned on the spot by unequal wheels [m]; lag_noise_s: of each change of speed anew [s].
+    chosen: what a tape measure leaves; a slip of 3 mm/s at 1 m/s and 1 rad/s; a hundredth of a
+    second, and a fifth of it for what differs from one change to the next.
     """
 
     forward_scale: float = 0.01
@@ -28,6 +29,7 @@ class WheelPrior:
     side_slip_s: float = 0.003
     lag_s: float = 0.01
     turn_shift_m: float = 0.001
+    lag_noise_s: float = 0.002
 
 
 class PoseFilter:
@@ -43,7 +45,7 @@ class PoseFilter:
         self, T_map_base: SE2, covariance: FloatArray, wheels: WheelPrior | None = None
     ) -> None:
         """covariance: (3, 3) of the pose's error."""
-        wheels = wheels or WheelPrior()
+        self._wheels = wheels = wheels or WheelPrior()
         self.T_map_base = T_map_base
         self.wheel_errors: FloatArray = np.zeros(6)
         deviations = [
@@ -85,7 +87,8 @@ class PoseFilter:
         transition[1, 4], transition[1, 5] = v * w / 2.0, v * v / 2.0
         transition[1, 6] = v * velocity[2]
         self._P = transition @ self._P @ transition.T
-        self._P[:3, :3] += covariance
+        creep = self._wheels.lag_noise_s * np.array([change[0], 0.0, change[2]])
+        self._P[:3, :3] += covariance + np.diag(creep**2)
         self.T_map_base = self.T_map_base @ moved
         return moved
 
@@ -110,6 +113,12 @@ class PoseFilter:
         self._P = (P + P.T) / 2.0
         self.T_map_base = self.T_map_base @ SE2.exp(error[:3])
         self.wheel_errors = self.wheel_errors + error[3:]
+
+    def loosen(self, factor: float) -> None:
+        """Makes the pose's variance larger by a factor, as after a slip that no noise foresaw."""
+        root = np.sqrt(factor)
+        self._P[:3, :] *= root
+        self._P[:, :3] *= root
 
     def restart(self, T_map_base: SE2, covariance: FloatArray) -> None:
         """Forgets the pose, not the wheels: the robot is where a match says."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from slam.measurements import Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 
+_DIMENSIONS = 3.0
+"""Mean of a normalised innovation squared of as many numbers."""
+
 
 @dataclass(frozen=True)
 class LocalizerConfig:
@@ -26,7 +29,9 @@ class LocalizerConfig:
     knows its covariance with the prediction; otherwise it replaces it. start_sigma_m,
     start_sigma_rad: how uncertain the first pose is, on each axis. max_nis: normalised innovation
     squared beyond which match and prediction contradict each other: a match that explains the scan
-    is then believed alone. chosen: 30 is exceeded by chance once in a million.
+    is then believed alone. chosen: 30 is exceeded by chance once in a million. slip_nis: beyond it
+    the prediction's variance is made to fit, since wheels do slip. match_scales: by how much the
+    innovations seen may narrow and widen the matches' covariances.
     """
 
     deskew: bool = True
@@ -34,6 +39,8 @@ class LocalizerConfig:
     start_sigma_m: float = 0.1
     start_sigma_rad: float = 0.1
     max_nis: float = 30.0
+    slip_nis: float = 12.0
+    match_scales: tuple[float, float] = (0.5, 10.0)
     wheels: WheelPrior = field(default_factory=WheelPrior)
 
 
@@ -80,6 +87,7 @@ class Localizer:
         self._motion: BodyMotion | None = None
         self._last: Measurement | None = None
         self._claims_nothing = False
+        self._match_scale, self._fused = 1.0, 0
 
     @property
     def T_map_base(self) -> SE2:
@@ -99,7 +107,7 @@ class Localizer:
         else:
             match = self.matcher(beams, T_predicted)  # steps 2 to 7
         self._last = measurement
-        nis = self._correct(match)
+        nis = self._correct(self._loosened(match))
         self._monitor.take(nis, match.fit if match.is_matched else None)
         covariance = None if self._claims_nothing else self._filter.covariance
         return Estimate(
@@ -118,13 +126,34 @@ class Localizer:
             return None
         if not holds:
             return None
-        nis = self._filter.innovation(match.T_map_base, match.information)
+        information = match.information / self._match_scale
+        nis = self._filter.innovation(match.T_map_base, information)
         if nis <= self.config.max_nis:
-            self._filter.update(match.T_map_base, match.information)
+            if nis > self.config.slip_nis:
+                self._filter.loosen(nis / _DIMENSIONS)
+            self._filter.update(match.T_map_base, information)
+            self._learn_scale(nis)
         elif match.is_matched:
             self._filter.restart(match.T_map_base, covariance_of(match.information))
         self._claims_nothing = False
         return nis
+
+    def _learn_scale(self, nis: float) -> None:
+        """Innovations tell how wide the matches' covariances truly are (Mehra, 1972)."""
+        self._fused += 1
+        share = 1.0 / min(self._fused + 20.0, 100.0)
+        low, high = self.config.match_scales
+        scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
+        self._match_scale = min(max(scale, low), high)
+
+    def _loosened(self, match: ScanMatch) -> ScanMatch:
+        """The match, less sure by what its deskewing may have missed."""
+        if match.information is None or self._motion is None or not self._motion.unsteadiness.any():
+            return match
+        variance = np.diag(self._motion.unsteadiness**2)
+        # (R + D)^-1 for an R that may have no inverse
+        loosened = np.linalg.solve(np.eye(3) + match.information @ variance, match.information)
+        return replace(match, information=(loosened + loosened.T) / 2.0)
 
     def _duration_s(self, measurement: Measurement) -> float:
         """Time since the last measurement [s]; inf for the first.
