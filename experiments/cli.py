@@ -160,6 +160,38 @@ def bench_registration(
     print_benchmark(place, laser, trials, seed, out)
 
 
+@bench_app.command("mismatch")
+def bench_mismatch(
+    trials: Annotated[int, typer.Option(min=1, help="At rest, for each mismatch.")] = 100,
+    drives: Annotated[int, typer.Option(min=1, help="Moving, for each mismatch.")] = 6,
+    seed: Seed = 0,
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "mismatch",
+) -> None:
+    """What is left of accuracy and honesty where sensor or map are not as assumed."""
+    from experiments.bench.mismatch import print_benchmark
+
+    print_benchmark(place, laser, trials, drives, seed, out)
+
+
+@app.command()
+def calibrate(
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    odometry: Odometry = "as_built",
+    mismatch: Mismatch = "mount",
+    seed: Seed = 0,
+    duration: Annotated[float, typer.Option(help="Of the drive [s].")] = 60.0,
+) -> None:
+    """Drives, and finds the laser's mounting and the wheels' radii and track from the drive."""
+    from experiments.calibration import CalibrationConfig, run_calibration
+
+    result = run_calibration(CalibrationConfig(place, laser, odometry, mismatch, duration), seed)
+    print(result.table())
+    raise typer.Exit(0 if result.found.is_observable else 1)
+
+
 @app.command("real-log")
 def real_log(
     log: Annotated[Path, typer.Argument(help="A CARMEN log, gz or plain.")],

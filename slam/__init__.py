@@ -5,6 +5,7 @@ Open3D is not imported before its first use.
 
 from slam.beam_likelihood import BeamConfig, cramer_rao_bound, fisher_information, match_beams
 from slam.beams import Beams
+from slam.calibration import Calibration, CalibrationConfig, calibrate
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
@@ -34,6 +35,8 @@ __all__ = [
     "SE2",
     "BeamConfig",
     "Beams",
+    "Calibration",
+    "CalibrationConfig",
     "CoarseToFineConfig",
     "DifferentialDrive",
     "Estimate",
@@ -61,6 +64,7 @@ __all__ = [
     "SurfelGrid",
     "SurfelMatchConfig",
     "Trajectory",
+    "calibrate",
     "cramer_rao_bound",
     "fisher_information",
     "match_beams",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,10 @@ from slam.kernels.beam_likelihood import (
     BEHIND,
     COST,
     INLIERS,
-    OFFSET_CROSS,
-    OFFSET_INFORMATION,
-    OFFSET_PULL,
     SUM_COUNT,
     USED,
+    covariance_into,
+    free_offset,
     look,
     residual_scale,
 )
@@ -27,6 +27,11 @@ from slam.laser_model import LaserModel
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 
+_FITS_AT_ALL = 0.5
+_FEW_BEAMS = 30
+_NEAR_BLUR_M = 0.05
+_REACH_RATIO, _REACH_M = 1.2, 1.0
+_NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
 
 
@@ -41,22 +46,22 @@ class BeamConfig:
     deviations of the pose, it keeps to its tangent within so many sigmas of its noise.
     edge_nodes, edge_reach_sigmas: where the likelihood of a beam that passes an edge is looked at.
     edge_blurs: times that likelihood is averaged with its neighbours. chosen: 2 makes the NEES 3.
-    max_scale: residuals that scatter wider than this times the laser's noise mean that the noise is
-    assumed too small; the match is then done again with what was seen. Noise alone, and three
-    pairs of legs, stay below 1.25 in ten thousand scans.
+    scales: residuals that scatter so many times wider than the laser's noise, between the two, mean
+    that the noise is assumed too small; the match is then done again with what was seen. Noise
+    alone, and three pairs of legs, stay below the first; at a wrong pose they scatter wider still.
     min_offset_sigmas: a range offset common to all beams counts as real from here on.
     """
 
     blurs_m: tuple[float, ...] = (0.02, 0.003)
     max_steps: int = 12
-    tolerance_sigmas: float = 0.03
+    tolerance_sigmas: float = 0.2
     smooth_sigmas: float = 2.0
     smooth_bend: float = 1.0
     edge_nodes: int = 33
     edge_reach_sigmas: float = 3.5
     edge_sweeps: int = 4
-    edge_blurs: int = 2
-    max_scale: float = 1.3
+    edge_blurs: int = 1
+    scales: tuple[float, float] = (1.3, 3.5)
     min_offset_sigmas: float = 4.5
 
     def __post_init__(self) -> None:
@@ -64,6 +69,21 @@ class BeamConfig:
             raise ValueError(f"blurs_m needs lengths above 0, not {self.blurs_m}")
         if self.max_steps < 1 or self.edge_nodes < 3 or self.edge_sweeps < 1:
             raise ValueError(f"a search needs 1 step, 3 nodes and 1 sweep at least, not {self}")
+
+    @cached_property
+    def blurs(self) -> FloatArray:
+        """blurs_m as an array."""
+        return np.array(self.blurs_m)
+
+    @cached_property
+    def smoothness(self) -> FloatArray:
+        """(2,) smooth_sigmas and smooth_bend."""
+        return np.array([self.smooth_sigmas, self.smooth_bend])
+
+    @cached_property
+    def nodes(self) -> FloatArray:
+        """(edge_nodes,) evenly over edge_reach_sigmas to either side."""
+        return np.linspace(-self.edge_reach_sigmas, self.edge_reach_sigmas, self.edge_nodes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +118,9 @@ class BeamMatch:
 
 def covariance_of(information: FloatArray) -> FloatArray:
     """(3, 3) inverse of an information matrix; where it is singular, inf on the diagonal."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    normalised = information / np.outer(scale, scale)
-    if not np.isfinite(normalised).all() or np.linalg.eigvalsh(normalised)[0] < 1e-12:
-        return np.diag(np.full(3, np.inf))
-    return np.asarray(np.linalg.inv(normalised) / np.outer(scale, scale))
+    covariance = np.empty((3, 3))
+    covariance_into(information, covariance)
+    return covariance
 
 
 def match_beams(
@@ -111,8 +129,12 @@ def match_beams(
     laser: LaserModel,
     T_map_base: SE2,
     config: BeamConfig | None = None,
+    near_information: FloatArray | None = None,
 ) -> BeamMatch:
     """The pose near T_map_base from which the map explains the ranges best.
+
+    near_information: (3, 3) of T_map_base, where it is known to millimetres already: the blurred
+    stages are then left out.
 
     Maximum likelihood of the beam model (Thrun, Burgard and Fox, Probabilistic Robotics, Section
     6.3: Gaussian about the map's range, or anything), by Gauss-Newton on ray-cast residuals, from
@@ -120,14 +142,27 @@ def match_beams(
     joined last.
     """
     config = config or BeamConfig()
-    noise, passes = laser.noise_table, 0
-    while True:
-        match = _matched(beams, segment_map, laser, noise, T_map_base, config)
-        passes += 1
-        if match.scale <= config.max_scale or passes == 2 or match.used < 30:
-            return match
-        noise = noise * [1.0, match.scale]
-        T_map_base = match.T_map_base
+    is_near = near_information is not None or config.blurs_m[0] <= _NEAR_BLUR_M
+    reach_m = laser.range_max_m * _REACH_RATIO + _REACH_M
+    walls = segment_map.seen_from(beams, T_map_base, reach_m) if is_near else segment_map
+    match = _matched(beams, walls, laser, laser.noise_table, T_map_base, config, near_information)
+    moved = T_map_base.inverse() @ match.T_map_base
+    if is_near and not (math.hypot(moved.x, moved.y) < 0.08 and abs(moved.theta) < 0.02):
+        walls = segment_map
+        match = _matched(beams, walls, laser, laser.noise_table, T_map_base, config)
+    low, high = config.scales
+    if not low < match.scale < high or match.inlier_ratio < _FITS_AT_ALL or match.used < _FEW_BEAMS:
+        return match
+    noise = laser.noise_table * [1.0, match.scale]
+    again = _matched(beams, walls, laser, noise, match.T_map_base, config)
+    # how well it fits is told by the noise assumed: with a noise wide enough everything fits
+    return replace(
+        again,
+        cost=match.cost,
+        inlier_ratio=match.inlier_ratio,
+        behind_ratio=match.behind_ratio,
+        scale=match.scale,
+    )
 
 
 def _matched(
@@ -137,66 +172,45 @@ def _matched(
     noise: FloatArray,
     T_map_base: SE2,
     config: BeamConfig,
+    near_information: FloatArray | None = None,
 ) -> BeamMatch:
     pose, information, sums = T_map_base.as_array(), np.zeros((3, 3)), np.zeros(SUM_COUNT)
+    blurs = config.blurs
+    if near_information is not None:
+        information[:], blurs = near_information, _NO_BLURS
     predicted, is_kept = np.full(len(beams), np.inf), np.ones(len(beams), dtype=np.bool_)
+    hit_walls = np.full(len(beams), -1, dtype=np.int64)
     scene = (
         segment_map.vertices, segment_map.walls, segment_map.normals, segment_map.sigma_m,
         beams.origins_m, beams.directions, beams.angles_rad, beams.middle_m, beams.spread_m,
         beams.ranges_m, noise, laser.limits_m, laser.outliers,
     )  # fmt: skip
     steps, is_settled = maximise(
-        *scene, np.array(config.blurs_m), config.max_steps, config.tolerance_sigmas, pose, information,
-        sums, predicted,
+        *scene, blurs, config.max_steps, config.tolerance_sigmas, pose, information,
+        sums, predicted, hit_walls,
     )  # fmt: skip
     verdict = sums.copy()
     if segment_map.is_exact and verdict[INLIERS] >= 3 and is_settled:
-        nodes = np.linspace(-config.edge_reach_sigmas, config.edge_reach_sigmas, config.edge_nodes)
         sharpen(
-            *scene, config.max_steps, config.tolerance_sigmas,
-            np.array([config.smooth_sigmas, config.smooth_bend]), nodes, config.edge_sweeps,
-            config.edge_blurs, pose, information, sums, predicted, is_kept,
+            *scene, config.smoothness, config.nodes, config.edge_sweeps,
+            config.edge_blurs, pose, information, sums, predicted, hit_walls, is_kept,
         )  # fmt: skip
     scale = float(residual_scale(laser.noise_table, beams.ranges_m, predicted, is_kept))
-    pose, information, offset_m, offset_sigma_m = _offset_freed(pose, information, sums, config)
+    offset_m, offset_sigma_m = free_offset(information, sums, config.min_offset_sigmas, pose)
     used = int(verdict[USED])
     return BeamMatch(
-        T_map_base=SE2.from_array(pose),
+        T_map_base=SE2(pose[0], pose[1], pose[2]),
         information=information,
-        is_settled=bool(is_settled) and bool(np.isfinite(pose).all()),
+        is_settled=bool(is_settled) and math.isfinite(pose[0] + pose[1] + pose[2]),
         steps=steps,
         used=used,
-        cost=verdict[COST] / max(used, 1),
-        inlier_ratio=verdict[INLIERS] / max(used, 1),
-        behind_ratio=verdict[BEHIND] / max(used, 1),
+        cost=float(verdict[COST]) / max(used, 1),
+        inlier_ratio=float(verdict[INLIERS]) / max(used, 1),
+        behind_ratio=float(verdict[BEHIND]) / max(used, 1),
         scale=scale,
-        offset_m=offset_m,
-        offset_sigma_m=offset_sigma_m,
+        offset_m=float(offset_m),
+        offset_sigma_m=float(offset_sigma_m),
     )
-
-
-def _offset_freed(
-    pose: FloatArray, information: FloatArray, sums: FloatArray, config: BeamConfig
-) -> tuple[FloatArray, FloatArray, float, float]:
-    """Pose and information had the laser an unknown offset, where the scan shows that it has one.
-
-    And the offset with its standard deviation [m]. The fourth unknown of the same least squares,
-    eliminated by its Schur complement.
-    """
-    cross = sums[OFFSET_CROSS : OFFSET_CROSS + 3]
-    covariance = covariance_of(information)
-    if not np.isfinite(covariance).all():
-        return pose, information, 0.0, math.inf
-    response = covariance @ cross  # how far an offset of a metre would push the pose
-    left = sums[OFFSET_INFORMATION] - float(cross @ response)
-    if not left > 0.0:
-        return pose, information, 0.0, math.inf
-    offset_m, sigma_m = sums[OFFSET_PULL] / left, 1.0 / math.sqrt(left)
-    if abs(offset_m) < config.min_offset_sigmas * sigma_m:
-        return pose, information, offset_m, sigma_m
-    moved = SE2.from_array(pose) @ SE2.exp(-offset_m * response)
-    widened = covariance + np.outer(response, response) * sigma_m**2
-    return moved.as_array(), np.linalg.inv(widened), offset_m, sigma_m
 
 
 def fisher_information(

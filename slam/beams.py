@@ -41,7 +41,8 @@ class Beams:
     @staticmethod
     def of(scan: LaserScan, T_base_laser: SE2) -> Beams:
         """The beams of a scan taken at rest."""
-        origins_m = np.tile([T_base_laser.x, T_base_laser.y], (len(scan.angles_rad), 1))
+        origins_m = np.empty((len(scan.angles_rad), 2))
+        origins_m[:] = T_base_laser.x, T_base_laser.y
         return Beams(origins_m, T_base_laser.theta + scan.angles_rad, scan.ranges_m)
 
     @cached_property
@@ -54,12 +55,20 @@ class Beams:
         """(2,) the middle of the origins [m]."""
         if len(self) == 0:
             return np.zeros(2)
+        if self._is_of_one_origin:
+            return self.origins_m[0].copy()
         return (self.origins_m.min(axis=0) + self.origins_m.max(axis=0)) / 2.0
 
     @cached_property
     def spread_m(self) -> float:
         """No origin is farther than this from the middle [m]."""
+        if self._is_of_one_origin:
+            return 0.0
         return float(np.hypot(*(self.origins_m - self.middle_m).T).max(initial=0.0))
+
+    @cached_property
+    def _is_of_one_origin(self) -> bool:
+        return len(self) == 0 or bool((self.origins_m == self.origins_m[0]).all())
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:

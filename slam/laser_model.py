@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -40,19 +41,19 @@ class LaserModel:
                 f" not at {self.outlier_ratio} and {self.mixed_ratio}"
             )
 
-    @property
+    @cached_property
     def outliers(self) -> FloatArray:
         """(2,) odds against a good beam: of an outlier, per metre of range [1/m]; of a mixed pixel."""
         span_m = self.range_max_m - self.range_min_m
         odds = self.outlier_ratio / (1.0 - self.outlier_ratio) / span_m
         return np.array([odds, self.mixed_ratio / (1.0 - self.mixed_ratio)])
 
-    @property
+    @cached_property
     def noise_table(self) -> FloatArray:
         """(K, 2) range [m] and standard deviation there [m]."""
         return np.array(self.noise.sigma_at_m, dtype=np.float64)
 
-    @property
+    @cached_property
     def limits_m(self) -> FloatArray:
         """(2,) smallest and largest range [m]."""
         return np.array([self.range_min_m, self.range_max_m])

@@ -10,9 +10,10 @@ from typing import Protocol
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.beam_likelihood import BeamConfig, BeamMatch, covariance_of, match_beams
+from slam.beam_likelihood import BeamConfig, BeamMatch, match_beams
 from slam.beams import Beams
 from slam.icp import CoarseToFineConfig, IcpConfig, match_scan, match_scan_coarse_to_fine
+from slam.kernels.beam_likelihood import widest
 from slam.laser_model import LaserModel
 from slam.lines import LineConfig, LineMap, match_lines
 from slam.observability import held
@@ -121,15 +122,18 @@ class VerdictConfig:
 
     def is_open(self, information: FloatArray) -> bool:
         """True where some direction, or the heading, is not known well enough to be believed."""
-        covariance = covariance_of(information)
-        if not np.isfinite(covariance).all():
-            return True
-        widest_m = math.sqrt(max(float(np.linalg.eigvalsh(covariance[:2, :2])[1]), 0.0))
-        return widest_m > self.max_sigma_m or math.sqrt(covariance[2, 2]) > self.max_sigma_rad
+        sigma_m, sigma_rad = widest(information)
+        return not (sigma_m <= self.max_sigma_m and sigma_rad <= self.max_sigma_rad)
 
 
 _NEAR_HEADINGS_RAD = (0.0, 0.175, -0.175, 0.35, -0.35)
 _NEAR_SHIFTS_M = ((0.0, 0.0), (0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2))
+
+_NEAR_COST = 0.2
+"""Below it the surfels have found the pose to a few millimetres, and the blurred stages can be left out."""
+_NEAR_TURNS_RAD = (0.0, 0.06, -0.06)
+_FAR_BLURS_M = (0.1, 0.03, 0.003)
+"""From a start ten centimetres off: legs near by, which hide half the room, draw no beam over."""
 
 
 def _starts_around(T_predicted: SE2) -> Iterable[SE2]:
@@ -210,7 +214,8 @@ class LimitMatcher:
         if np.count_nonzero(beams.is_hit) < self.verdict.min_beams:
             return ScanMatch(T_predicted, MatchStatus.LOST)
         near = self.fast.nearest(beams, T_predicted)
-        best = self._climbed(beams, near.T_map_base)
+        known = near.information if near.is_settled and near.cost <= _NEAR_COST else None
+        best = self._climbed(beams, near.T_map_base, self.config, known)
         if best.inlier_ratio < self.good_inlier_ratio or not best.is_settled:
             best = self._best_around(beams, T_predicted, best)
         path = (
@@ -223,19 +228,23 @@ class LimitMatcher:
             best.T_map_base, self._status(best), best.cost, best.used, path, best.information, fit
         )
 
-    def _climbed(self, beams: Beams, T_start: SE2) -> BeamMatch:
-        return match_beams(beams, self.segment_map, self.laser, T_start, self.config)
+    def _climbed(
+        self, beams: Beams, T_start: SE2, config: BeamConfig, known: FloatArray | None = None
+    ) -> BeamMatch:
+        return match_beams(beams, self.segment_map, self.laser, T_start, config, known)
 
     def _best_around(self, beams: Beams, T_predicted: SE2, best: BeamMatch) -> BeamMatch:
-        """The most likely of what the prediction itself and the starts around it lead to."""
+        """The most likely of what the prediction and the starts around it lead to, from afar."""
         scan = (beams.points, beams.middle_m, self.fast.grid, self.laser.noise_table)
         found = [
             match_surfels(*scan, T_start, self.fast.config)
             for T_start in _starts_around(T_predicted)
         ]
         found.sort(key=lambda match: match.cost)
-        starts = [T_predicted, *(match.T_map_base for match in found[:3])]
-        ends = [best, *(self._climbed(beams, T) for T in starts)]
+        near = [T_predicted @ SE2(0.0, 0.0, turn_rad) for turn_rad in _NEAR_TURNS_RAD]
+        starts = [*near, *(match.T_map_base for match in found[:3])]
+        from_afar = replace(self.config, blurs_m=_FAR_BLURS_M)
+        ends = [best, *(self._climbed(beams, T_start, from_afar) for T_start in starts)]
         return min(ends, key=lambda match: (not match.is_settled, match.cost))
 
     def _status(self, match: BeamMatch) -> MatchStatus:

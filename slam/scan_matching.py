@@ -23,10 +23,10 @@ class SurfelMatchConfig:
     tolerance: step [m] and [rad] that is none: a thirtieth of what one scan can tell.
     """
 
-    scales_m: tuple[float, ...] = (0.3, 0.1, 0.05)
-    strides: tuple[int, ...] = (4, 2, 1)
+    scales_m: tuple[float, ...] = (0.3, 0.1, 0.0)
+    strides: tuple[int, ...] = (8, 4, 1)
     max_steps: int = 15
-    tolerance: float = 5e-5
+    tolerance: float = 5e-4
 
     def __post_init__(self) -> None:
         if not self.scales_m or min(self.scales_m) < 0.0:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray, IntArray, frozen_array
 from slam.beams import Beams
 from slam.kernels.beam_likelihood import normals_into
-from slam.kernels.ray_casting import cast_fan, to_base
+from slam.kernels.ray_casting import cast_fan, to_base, visible_part
 from slam.se2 import SE2
 from slam.segments import joined, simplified
 
 _TOLERANCE_M = 1e-4
 """Chosen: a tenth of a millimetre is a fifth of what the best laser here can tell of a room."""
+_MARGIN_M, _MARGIN_RAD = 0.1, 0.025
+"""Chosen: how far a pose may move before other walls than those `seen_from` it come into view."""
 
 
 class SegmentMap:
@@ -42,12 +46,12 @@ class SegmentMap:
             walls = np.concatenate([walls, walls[:, ::-1]])
             sigmas = np.concatenate([sigmas, sigmas])
         self.is_one_sided = is_one_sided
-        self.segments = frozen_array(walls, (None, 2, 2), "segments")
         self.sigma_m = frozen_array(sigmas, (None,), "sigma_m")
-        ends, node_of_end = np.unique(self.segments.reshape(-1, 2), axis=0, return_inverse=True)
+        self.is_exact = not self.sigma_m.any()
+        ends, node_of_end = np.unique(walls.reshape(-1, 2), axis=0, return_inverse=True)
         self.vertices: FloatArray = np.ascontiguousarray(ends)
         self.walls: IntArray = np.ascontiguousarray(node_of_end.reshape(-1, 2).astype(np.int64))
-        self.normals: FloatArray = np.empty((len(self.segments), 2))
+        self.normals: FloatArray = np.empty((len(walls), 2))
         normals_into(self.vertices, self.walls, self.normals)
 
     @staticmethod
@@ -60,12 +64,30 @@ class SegmentMap:
         return SegmentMap(walls, is_one_sided=is_one_sided)
 
     def __len__(self) -> int:
-        return len(self.segments)
+        return len(self.walls)
 
     @property
-    def is_exact(self) -> bool:
-        """True where every wall is where the map says: its edges can then be believed as well."""
-        return not self.sigma_m.any()
+    def segments(self) -> FloatArray:
+        """(S, 2, 2) both ends of each wall [m]."""
+        return self.vertices[self.walls]
+
+    def seen_from(self, beams: Beams, T_map_base: SE2, range_max_m: float) -> SegmentMap:
+        """The map of those walls alone that the beams meet, or might from a pose near by.
+
+        Near by: within the margins of this module, 10 cm and a degree and a half.
+        """
+        if len(beams) < 2:
+            return self
+        step_rad = (beams.angles_rad[-1] - beams.angles_rad[0]) / (len(beams) - 1)
+        beside = math.ceil(_MARGIN_RAD / max(step_rad, 1e-6)) + 1
+        part = object.__new__(SegmentMap)
+        part.is_one_sided, part.is_exact = self.is_one_sided, self.is_exact
+        part.vertices, part.walls, part.normals, part.sigma_m = visible_part(
+            self.vertices, self.walls, self.normals, self.sigma_m, T_map_base.as_array(),
+            beams.origins_m, beams.directions, beams.angles_rad, beams.middle_m, beams.spread_m,
+            range_max_m, _MARGIN_M, beside,
+        )  # fmt: skip
+        return part
 
     def ranges(
         self, beams: Beams, T_map_base: SE2, range_max_m: float = np.inf

@@ -2,15 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
+
+import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.matchers import Matcher, Open3dMatcher
+from slam.laser_model import LaserModel
+from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
 from slam.measurements import LaserScan
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
+from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from slam.surfel_grid import SurfelGrid
 
 Register = Callable[[FloatArray, LaserScan, SE2], SE2]
 """From points_base (N, 2) [m], the scan that they were taken from, and the pose to start at, to
@@ -22,13 +29,19 @@ class KnownMap:
     """What every row is told beforehand.
 
     points: (K, 2) [m]. segments: (S, 2, 2) [m], the same surfaces. range_noise: the data sheet's,
-    None where it is switched off.
+    None where it is switched off. laser_model: what is assumed of the laser.
     """
 
     points: FloatArray
     segments: FloatArray
     range_noise: RangeNoise | None
     T_base_laser: SE2
+    laser_model: LaserModel
+
+    @cached_property
+    def walls(self) -> SegmentMap:
+        """The surfaces as a map of walls."""
+        return SegmentMap.known(self.segments, is_one_sided=True)
 
 
 class Registration(Protocol):
@@ -76,6 +89,28 @@ class MatcherRow:
         return register
 
 
+@dataclass(frozen=True)
+class SurfelRow:
+    """`fast` at its core: points in, pose out, without a verdict."""
+
+    name: str = "kitasap fast"
+    note: str = "Gauss-Newton on the surfel grid"
+    package: str | None = None
+
+    def prepare(self, known: KnownMap) -> Register:
+        """The grid of the map's walls."""
+        grid, noise_table = SurfelGrid.of(known.walls), known.laser_model.noise_table
+        origin_m = np.array([known.T_base_laser.x, known.T_base_laser.y])
+        config = SurfelMatchConfig()
+
+        def register(points_base: FloatArray, scan: LaserScan, T_start: SE2) -> SE2:
+            return match_surfels(
+                points_base, origin_m, grid, noise_table, T_start, config
+            ).T_map_base
+
+        return register
+
+
 _SPACING_M = 0.005
 """Where a point map would take up new points; nothing is added to it here."""
 
@@ -87,5 +122,15 @@ OURS: tuple[Registration, ...] = (
             PointMap(known.points, _SPACING_M), range_noise=known.range_noise
         ),
     ),
+    MatcherRow(
+        "kitasap limit",
+        "from the scan to pose, covariance and verdict",
+        lambda known: LimitMatcher(
+            known.walls,
+            known.laser_model,
+            FastMatcher(SurfelGrid.of(known.walls), known.laser_model),
+        ),
+    ),
+    SurfelRow(),
 )
 """Our rows, slowest first. Any object that keeps the protocol `Registration` may be added."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from experiments.assumptions import assumed_laser
 from experiments.bench.registration import KnownMap
 from kitasap_sim.laser import LaserSpec, laser, measured_ranges
 from kitasap_sim.places import Place, PlaceMap
@@ -62,6 +63,7 @@ def drawn(place: Place, spec: LaserSpec | str, trials: int, seed: int) -> Regist
         segments=place_map.segments_m,
         range_noise=RangeNoise(spec.sigma_at_m) if spec.sigma_at_m else None,
         T_base_laser=T_base_laser,
+        laser_model=assumed_laser(spec.name),
     )
     simulation = Simulation(place, spec, "ideal", rng=np.random.default_rng(0))
     drawn_trials = tuple(

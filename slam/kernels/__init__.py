@@ -3,7 +3,9 @@
 from numba import njit
 
 # Kept on disk, so that each machine compiles once. A division by zero gives inf, as in NumPy.
-compiled = njit(cache=True, error_model="numpy")
-# Multiplications and additions may be joined and divisions shared: a quarter faster, equal on each
-# machine, in the last digit not equal between two.
-compiled_fast = njit(cache=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
+# A product and a sum may be joined in one rounding: equal bits on a machine, the last one not
+# between two.
+compiled = njit(cache=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
+# For sums over many points, taken several at a time: three times as fast; their order depends on
+# the machine's width. No nan may come in.
+compiled_vectorised = njit(cache=True, error_model="numpy", fastmath=True)

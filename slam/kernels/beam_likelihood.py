@@ -291,3 +291,70 @@ def residual_scale(
     if count == 0:
         return 1.0
     return float(np.median(magnitudes[:count])) / 0.6744897501960817
+
+
+@compiled
+def covariance_into(information: FloatArray, out: FloatArray) -> bool:
+    """The inverse (3, 3) of an information matrix; False, and inf on the diagonal, if it has none."""
+    scale = np.empty(3)
+    for j in range(3):
+        scale[j] = 1.0 / math.sqrt(max(information[j, j], 1e-300))
+    b = information[0, 1] * scale[0] * scale[1]
+    c = information[0, 2] * scale[0] * scale[2]
+    e = information[1, 2] * scale[1] * scale[2]
+    # of a correlation matrix: 1 without correlation, 0 where it is singular
+    determinant = 1.0 - e * e - b * (b - c * e) + c * (b * e - c)
+    has_all = min(information[0, 0], information[1, 1], information[2, 2]) > 1e-200
+    if not (has_all and determinant > 1e-12):
+        out[:] = 0.0
+        out[0, 0] = out[1, 1] = out[2, 2] = np.inf
+        return False
+    out[0, 0], out[1, 1], out[2, 2] = 1.0 - e * e, 1.0 - c * c, 1.0 - b * b
+    out[0, 1] = out[1, 0] = c * e - b
+    out[0, 2] = out[2, 0] = b * e - c
+    out[1, 2] = out[2, 1] = b * c - e
+    for j in range(3):
+        for k in range(3):
+            out[j, k] *= scale[j] * scale[k] / determinant
+    return True
+
+
+@compiled
+def widest(information: FloatArray) -> tuple[float, float]:
+    """Largest standard deviation of the position along any direction, and that of the heading."""
+    covariance = np.empty((3, 3))
+    if not covariance_into(information, covariance):
+        return np.inf, np.inf
+    a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
+    largest = 0.5 * (a + d) + math.sqrt(0.25 * (a - d) ** 2 + b * b)
+    return math.sqrt(largest), math.sqrt(covariance[2, 2])
+
+
+@compiled
+def free_offset(
+    information: FloatArray, sums: FloatArray, min_sigmas: float, pose: FloatArray
+) -> tuple[float, float]:
+    """The range offset common to all beams and its deviation [m]; pose and information freed of it.
+
+    The fourth unknown of the same least squares, eliminated by its Schur complement: where the scan
+    shows that the laser has one, the pose (3,) and its information (3, 3) are, in place, those of
+    the four together.
+    """
+    covariance, response = np.empty((3, 3)), np.zeros(3)
+    if not covariance_into(information, covariance):
+        return 0.0, np.inf
+    left = sums[OFFSET_INFORMATION]
+    for j in range(3):
+        for k in range(3):
+            response[j] += covariance[j, k] * sums[OFFSET_CROSS + k]
+        left -= sums[OFFSET_CROSS + j] * response[j]
+    if not left > 0.0:
+        return 0.0, np.inf
+    offset, deviation = sums[OFFSET_PULL] / left, 1.0 / math.sqrt(left)
+    if abs(offset) >= min_sigmas * deviation:
+        moved(pose, -offset * response)
+        for j in range(3):
+            for k in range(3):
+                covariance[j, k] += response[j] * response[k] * deviation * deviation
+        information[:] = np.linalg.inv(covariance)
+    return offset, deviation

@@ -18,6 +18,7 @@ _BLUR_OF_POSTERIOR = 0.5
 """Chosen: half the standard deviation reached. Without it one beam that touches a round leg claims
 micrometres; with all of it, grazing beams that do tell are lost (a twentieth of the accuracy)."""
 
+_WIDEST_BLUR_M = 0.003
 _EARLY_TOLERANCE = 0.5
 _PATIENCE = 4
 _SHORT_STEP = 1.0
@@ -54,9 +55,9 @@ def climb(
 ) -> tuple[int, bool]:
     """Gauss-Newton steps at one blur, the pose (3,) in place; how many, and whether it settled.
 
-    tolerance: length of a step, in standard deviations of the pose, that is none any more. What
-    the last look said belongs to the pose before the last step. Settled means that this step was
-    short: within a standard deviation, where edges let no tolerance be reached.
+    tolerance: length of a step, in standard deviations of the pose, that is not worth taking; what
+    the last look said belongs to the pose. It also counts as settled where edges let no
+    tolerance be reached, but the last step was shorter than a standard deviation.
     """
     step, length = np.empty(3), np.inf
     reach = limits[1] * _REACH_RATIO + _REACH_M
@@ -72,12 +73,21 @@ def climb(
         )  # fmt: skip
         solved(information, pull, step)
         length = math.sqrt(max(step @ pull, 0.0))
+        if length <= tolerance:
+            return taken + 1, True
         if taken >= _PATIENCE:
             # two edges take turns in drawing the pose over to their side: meet in between
             step *= 0.5 if taken < 2 * _PATIENCE else 0.25
         moved(pose, step)
-        if length <= tolerance:
-            return taken + 1, True
+    to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
+    cast_fan(
+        vertices, walls, origins, directions, angles, middle, spread, reach, bearings, predicted,
+        hit_walls,
+    )  # fmt: skip
+    look(
+        wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, blur,
+        pose[2], predicted, hit_walls, is_kept, information, pull, sums,
+    )  # fmt: skip
     return max_steps, length <= _SHORT_STEP
 
 
@@ -103,6 +113,7 @@ def maximise(
     information: FloatArray,
     sums: FloatArray,
     predicted: FloatArray,
+    hit_walls: IntArray,
 ) -> tuple[int, bool]:
     """The pose (3,), in place, from which the map explains the scan best; steps, and if settled.
 
@@ -110,7 +121,7 @@ def maximise(
     """
     count = angles.shape[0]
     vertices, bearings = np.empty_like(map_vertices), np.empty_like(map_vertices)
-    hit_walls, is_kept = np.empty(count, dtype=np.int64), np.ones(count, dtype=np.bool_)
+    is_kept = np.ones(count, dtype=np.bool_)
     pull = np.empty(3)
     steps, settled = 0, False
     for stage in range(blurs.shape[0] + 2):
@@ -122,7 +133,7 @@ def maximise(
             deviation = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1]))
             # where two edges disagree the steps may go on for ever: once more, less sharp
             sharpness = 1.0 if stage == blurs.shape[0] else 4.0
-            blur = sharpness * _BLUR_OF_POSTERIOR * min(deviation, blurs[-1])
+            blur = sharpness * _BLUR_OF_POSTERIOR * min(deviation, _WIDEST_BLUR_M)
         else:
             blur = blurs[stage]
         taken, settled = climb(
@@ -150,8 +161,6 @@ def sharpen(
     noise: FloatArray,
     limits: FloatArray,
     outliers: FloatArray,
-    max_steps: int,
-    tolerance: float,
     smoothness: FloatArray,
     nodes: FloatArray,
     sweeps: int,
@@ -160,34 +169,33 @@ def sharpen(
     information: FloatArray,
     sums: FloatArray,
     predicted: FloatArray,
+    hit_walls: IntArray,
     is_kept: BoolArray,
 ) -> int:
     """The pose (3,) and information (3, 3) of `maximise`, in place, with each edge taken for itself.
 
     Beams whose range bends or jumps over the uncertainty are taken out of the Gaussian and joined
     by expectation propagation. smoothness: (2,) sigmas and bend of `keep_smooth`. nodes: (K,) in
-    standard deviations, where an edge's likelihood is looked at. sums, is_kept: of the smooth
-    beams. The number of edges.
+    standard deviations, where an edge's likelihood is looked at. predicted, hit_walls: (N,) at the
+    pose. sums, is_kept: of the smooth beams. The number of edges.
     """
     count = angles.shape[0]
     vertices, bearings = np.empty_like(map_vertices), np.empty_like(map_vertices)
-    hit_walls, pull = np.empty(count, dtype=np.int64), np.empty(3)
+    pull, step = np.empty(3), np.empty(3)
     reach = limits[1] * _REACH_RATIO + _REACH_M
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
-    cast_fan(
-        vertices, walls, origins, directions, angles, middle, spread, reach, bearings, predicted,
-        hit_walls,
-    )  # fmt: skip
     keep_smooth(
         vertices, walls, origins, directions, angles, middle, spread, reach, noise,
         inverted(information), smoothness[0], smoothness[1], bearings, predicted, hit_walls, is_kept,
     )  # fmt: skip
-    climb(
-        map_vertices, walls, wall_normals, wall_sigmas, origins, directions, angles, middle, spread,
-        measured, noise, limits, outliers, 0.0, max_steps, tolerance, is_kept, pose,
-        predicted, hit_walls, vertices, bearings, information, pull, sums,
+    # smooth beams are straight over the uncertainty: one step is all they need
+    look(
+        wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, 0.0,
+        pose[2], predicted, hit_walls, is_kept, information, pull, sums,
     )  # fmt: skip
-    # the last step was within the tolerance: the geometry before it is the geometry after it
+    solved(information, pull, step)
+    moved(pose, step)
+    to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     edges = np.empty(count, dtype=np.int64)
     edge_count = 0
     for i in range(count):

@@ -83,15 +83,16 @@ def propagate(
     """
     count = axes.shape[0]
     precisions, pulls = np.zeros(count), np.zeros(count)
-    total, total_pull = information.copy(), np.zeros(3)
-    covariance[:] = np.linalg.inv(total)
+    total_pull, carried = np.zeros(3), np.zeros(3)
+    covariance[:] = np.linalg.inv(information)
     mean[:] = 0.0
     for _ in range(sweeps):
         for e in range(count):
-            axis = axes[e]
-            carried = covariance @ axis
-            variance = axis @ carried
-            centre = axis @ mean
+            a0, a1, a2 = axes[e, 0], axes[e, 1], axes[e, 2]
+            for j in range(3):
+                carried[j] = covariance[j, 0] * a0 + covariance[j, 1] * a1 + covariance[j, 2] * a2
+            variance = a0 * carried[0] + a1 * carried[1] + a2 * carried[2]
+            centre = a0 * mean[0] + a1 * mean[1] + a2 * mean[2]
             # the cavity: what all others say of this beam's shift
             cavity_precision = 1.0 / variance - precisions[e]
             if not cavity_precision > 0.0:
@@ -118,12 +119,18 @@ def propagate(
             pull_step = _DAMPING * (pull - pulls[e])
             precisions[e] += precision_step
             pulls[e] += pull_step
+            # the rank-one change of the covariance (Sherman and Morrison, 1950)
+            shrunk = precision_step / (1.0 + precision_step * variance)
             for j in range(3):
-                total_pull[j] += pull_step * axis[j]
+                total_pull[j] += pull_step * axes[e, j]
                 for m in range(3):
-                    total[j, m] += precision_step * axis[j] * axis[m]
-            covariance[:] = np.linalg.inv(total)
-            mean[:] = covariance @ total_pull
+                    covariance[j, m] -= shrunk * carried[j] * carried[m]
+            for j in range(3):
+                mean[j] = (
+                    covariance[j, 0] * total_pull[0]
+                    + covariance[j, 1] * total_pull[1]
+                    + covariance[j, 2] * total_pull[2]
+                )
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray
-from slam.kernels import compiled_fast
+from slam.kernels import compiled, compiled_vectorised
 from slam.kernels.beam_likelihood import moved, sigma_at, solved
 
 _FLATTEST = 0.3**2
@@ -18,9 +18,9 @@ _KERNEL = 6.0
 _NOISE_SCALE_M = 0.03
 
 
-@compiled_fast
+@compiled
 def weigh(points: FloatArray, origin: FloatArray, noise: FloatArray, out: FloatArray) -> None:
-    """Into out (N, 5): x, y, direction of the beam from the origin (2,), variance of its range.
+    """Into out (5, N): x, y, direction of the beam from the origin (2,), variance of its range.
 
     points: (N, 2) base frame. noise: (K, 2) range and standard deviation, straight between.
     """
@@ -29,65 +29,88 @@ def weigh(points: FloatArray, origin: FloatArray, noise: FloatArray, out: FloatA
         range_m = math.sqrt(dx * dx + dy * dy)
         per_m = 1.0 / max(range_m, 1e-9)
         sigma = sigma_at(noise, range_m)
-        out[i, 0], out[i, 1] = points[i, 0], points[i, 1]
-        out[i, 2], out[i, 3] = dx * per_m, dy * per_m
-        out[i, 4] = sigma * sigma
+        out[0, i], out[1, i] = points[i, 0], points[i, 1]
+        out[2, i], out[3, i] = dx * per_m, dy * per_m
+        out[4, i] = sigma * sigma
 
 
-@compiled_fast
-def add_up(
+@compiled
+def look_up(
     surfels: NDArray[np.float32],
     columns: int,
     origin_x: float,
     origin_y: float,
     per_m: float,
-    is_one_sided: bool,
     points: FloatArray,
     stride: int,
     pose: FloatArray,
-    scale: float,
-    information: FloatArray,
-    pull: FloatArray,
-) -> float:
-    """Sums over every stride-th point; the summed robust cost, 1 for a point with no surface near.
+    found: FloatArray,
+) -> int:
+    """Into found (4, N): normal, offset seen from the pose, and variance of the surface nearest to
+    every stride-th point, packed to the front; variance below 0 where none is near. How many.
 
     surfels: (C, 4) unit normal, offset along it, standard deviation (0: no surface near) of each
-    cell, rows of `columns` cells of side 1 / per_m from the origin. points: (N, 5) of `weigh`.
-    scale: residual [m], beside the noise, at which a point counts a quarter (Geman, McClure 1987).
+    cell, rows of `columns` cells of side 1 / per_m from the origin. points: (5, N) of `weigh`.
     """
     rows = surfels.shape[0] // columns
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x0, y0 = (pose[0] - origin_x) * per_m, (pose[1] - origin_y) * per_m
     cc, ss = c * per_m, s * per_m
-    # the plane's offset, counted from the pose: residuals are small differences of small numbers
-    px0, py0 = pose[0], pose[1]
-    xx = xy = xt = yy = yt = tt = px = py = pt = 0.0
-    cost = 0.0
-    for i in range(0, points.shape[0], stride):
-        bx, by = points[i, 0], points[i, 1]
+    k = 0
+    for i in range(0, points.shape[1], stride):
+        bx, by = points[0, i], points[1, i]
         column_at = x0 + cc * bx - ss * by
         row_at = y0 + ss * bx + cc * by
-        if not (0.0 <= column_at < columns and 0.0 <= row_at < rows):
-            cost += 1.0
-            continue
-        cell = np.uint64(row_at) * np.uint64(columns) + np.uint64(column_at)
-        sigma = surfels[cell, 3]
-        if sigma == 0.0:
-            cost += 1.0
-            continue
-        nx, ny = surfels[cell, 0], surfels[cell, 1]
+        sigma = 0.0
+        if 0.0 <= column_at < columns and 0.0 <= row_at < rows:
+            cell = np.uint64(row_at) * np.uint64(columns) + np.uint64(column_at)
+            sigma = surfels[cell, 3]
+            nx, ny = surfels[cell, 0], surfels[cell, 1]
+            found[0, k] = nx
+            found[1, k] = ny
+            # residuals are small differences of small numbers, wherever the map's origin lies
+            found[2, k] = nx * pose[0] + ny * pose[1] - surfels[cell, 2]
+        else:
+            found[0, k] = found[1, k] = found[2, k] = 0.0
+        found[3, k] = sigma * sigma if sigma > 0.0 else -1.0
+        k += 1
+    return k
+
+
+@compiled_vectorised
+def add_up(
+    found: FloatArray,
+    count: int,
+    is_one_sided: bool,
+    points: FloatArray,
+    stride: int,
+    heading: float,
+    scale: float,
+    information: FloatArray,
+    pull: FloatArray,
+) -> float:
+    """Sums over the points looked up; the summed robust cost, 1 for a point with no surface near.
+
+    found, count: of `look_up`. scale: squared residual [m2], beside the noise, at which a point
+    counts a quarter (Geman and McClure, 1987). information: (3, 3), pull: (3,) results.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    xx = xy = xt = yy = yt = tt = px = py = pt = 0.0
+    kept = 0.0
+    for k in range(count):
+        i = k * stride
+        nx, ny, surface = found[0, k], found[1, k], found[3, k]
+        bx, by = points[0, i], points[1, i]
         mx, my = c * nx + s * ny, c * ny - s * nx  # the normal seen from the base
-        residual = mx * bx + my * by + (nx * px0 + ny * py0 - surfels[cell, 2])
-        cosine = mx * points[i, 2] + my * points[i, 3]
-        if is_one_sided and cosine > 0.0:
-            cost += 1.0  # the nearest surface shows its back: it is another one that was seen
-            continue
-        variance = points[i, 4] * max(cosine * cosine, _FLATTEST) + sigma * sigma
+        residual = mx * bx + my * by + found[2, k]
+        cosine = mx * points[2, i] + my * points[3, i]
+        # a surface that shows its back is not the one that was seen
+        counts = surface >= 0.0 and not (is_one_sided and cosine > 0.0)
+        variance = points[4, i] * max(cosine * cosine, _FLATTEST) + abs(surface)
         limit = scale + _KERNEL * variance
-        squared = residual * residual
-        per_both = 1.0 / ((limit + squared) * variance)
-        share = limit * variance * per_both
-        cost += 1.0 - share
+        per_both = 1.0 / ((limit + residual * residual) * variance)
+        share = limit * variance * per_both if counts else 0.0
+        kept += share
         weight = share * limit * per_both
         mt = bx * my - by * mx
         wx, wy, wt = weight * mx, weight * my, weight * mt
@@ -105,10 +128,10 @@ def add_up(
     information[0, 2] = information[2, 0] = xt
     information[1, 2] = information[2, 1] = yt
     pull[0], pull[1], pull[2] = px, py, pt
-    return cost
+    return count - kept
 
 
-@compiled_fast
+@compiled
 def descend(
     surfels: NDArray[np.float32],
     columns: int,
@@ -128,18 +151,22 @@ def descend(
 ) -> tuple[int, bool, float]:
     """The pose (3,), in place, settled at each scale in turn; steps, whether settled, and the cost."""
     pull, step = np.empty(3), np.empty(3)
-    weighed = np.empty((points.shape[0], 5))
+    weighed, found = np.empty((5, points.shape[0])), np.empty((4, points.shape[0]))
     weigh(points, origin, noise, weighed)
     steps, settled, cost = 0, False, 0.0
     last = scales.shape[0] - 1
     for stage in range(last + 1):
         settled = False
+        stride = strides[stage]
         # a coarse stage need only come within reach of the next one's scale
         enough = tolerance if stage == last else 0.1 * max(scales[stage + 1], _NOISE_SCALE_M)
         for _ in range(max_steps):
+            count = look_up(
+                surfels, columns, origin_x, origin_y, per_m, weighed, stride, pose, found
+            )
             cost = add_up(
-                surfels, columns, origin_x, origin_y, per_m, is_one_sided, weighed, strides[stage],
-                pose, scales[stage] ** 2, information, pull,
+                found, count, is_one_sided, weighed, stride, pose[2], scales[stage] ** 2,
+                information, pull,
             )  # fmt: skip
             solved(information, pull, step)
             moved(pose, step)
