@@ -1,7 +1,7 @@
 """The methods by name, each made ready for one known place and laser."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from experiments.assumptions import assumed_laser
@@ -78,7 +78,7 @@ class Method:
     """How a method is made for a known place, and how its `Localizer` follows the robot."""
 
     matcher: Callable[[KnownPlace], Matcher]
-    config: LocalizerConfig = LocalizerConfig()
+    config: LocalizerConfig = field(default_factory=LocalizerConfig)
     tracker: Callable[[KnownPlace], Matcher] | None = None
     """The same where the prediction is never far off; None: no need of another."""
 

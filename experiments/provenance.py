@@ -5,7 +5,7 @@ import sys
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-_PACKAGES = ("kitasap", "mujoco", "numpy", "scipy", "open3d", "open3d-cpu")
+_PACKAGES = ("kitasap", "mujoco", "numpy", "scipy", "open3d", "open3d-cpu", "numba")
 
 
 def versions() -> dict[str, str]:

@@ -5,6 +5,7 @@ round a circle somewhere in the free space, speed and turn rate held, which is t
 scan that takes its time. The turn rate is `--turn-rate`, the speed the paper's 0.2 m/s.
 """
 
+import itertools
 import math
 import time
 from collections.abc import Iterator
@@ -152,7 +153,7 @@ def _start(config: TrialConfig, place: Place, rng: np.random.Generator) -> tuple
         return place.start, 1.0
     start, side = _free_circle(config, place, rng), 1.0
     if rng.random() < 0.5:  # the same circle the other way round
-        start, side = start + [0.0, 0.0, math.pi], -1.0
+        start, side = start + np.array([0.0, 0.0, math.pi]), -1.0
     return start, side
 
 
@@ -180,7 +181,7 @@ def _loop(place: Place, rng: np.random.Generator) -> np.ndarray:
     centres_m = place.free_centres_m
     drawn = centres_m[rng.integers(len(centres_m), size=_WAYPOINTS)]
     stops = np.concatenate([place.start[None, :2], drawn, place.start[None, :2]])
-    ways = [place.way(start, end)[1:] for start, end in zip(stops[:-1], stops[1:], strict=True)]
+    ways = [place.way(start, end)[1:] for start, end in itertools.pairwise(stops)]
     return np.concatenate(ways)
 
 

@@ -27,13 +27,15 @@ def facing_out(segments: np.ndarray) -> np.ndarray:
 
 
 def _is_inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """(K,) whether points (K, 2) lie within an outline (S, 2, 2): odd crossings to the right."""
+    """(K,) whether points (K, 2) lie within an outline (S, 2, 2): odd crossings to either side."""
     inside = np.zeros(len(points), dtype=bool)
     (ax, ay), (bx, by) = outline[:, 0].T, outline[:, 1].T
     is_level = ay == by
     slope = np.divide(bx - ax, by - ay, where=~is_level, out=np.zeros_like(ax))
     for k in range(0, len(points), 256):  # in parts: a mesh may have thousands of segments
         x, y = points[k : k + 256, 0, None], points[k : k + 256, 1, None]
-        crosses = ((ay > y) != (by > y)) & (x < ax + (y - ay) * slope)
-        inside[k : k + 256] = crosses.sum(axis=1) % 2 == 1
+        is_level_with, at_x = (ay > y) != (by > y), ax + (y - ay) * slope
+        right, left = is_level_with & (x < at_x), is_level_with & (x > at_x)
+        # beside a sheet, one of the two crosses it
+        inside[k : k + 256] = (right.sum(axis=1) % 2 == 1) & (left.sum(axis=1) % 2 == 1)
     return inside

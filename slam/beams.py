@@ -12,6 +12,9 @@ from slam.arrays import FloatArray, frozen_array
 from slam.measurements import LaserScan
 from slam.se2 import SE2
 
+_FARTHEST_M = 1e5
+"""A range beyond is a driver's way to say something else."""
+
 
 @dataclass(frozen=True, eq=False)
 class Beams:
@@ -45,6 +48,15 @@ class Beams:
         origins_m[:] = T_base_laser.x, T_base_laser.y
         return Beams(origins_m, T_base_laser.theta + scan.angles_rad, scan.ranges_m)
 
+    def shortened(self, offset_m: float) -> Beams:
+        """The same beams with ranges that are less by an offset [m], not below 0."""
+        if offset_m == 0.0:
+            return self
+        ranges_m = np.where(
+            np.isfinite(self.ranges_m), np.maximum(self.ranges_m - offset_m, 0.0), self.ranges_m
+        )
+        return Beams(self.origins_m, self.angles_rad, ranges_m)
+
     @cached_property
     def directions(self) -> FloatArray:
         """(N, 2) unit vectors."""
@@ -72,8 +84,8 @@ class Beams:
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:
-        """(N,) True where a beam measured a distance."""
-        return np.isfinite(self.ranges_m)
+        """(N,) True where a beam measured a distance, less than any laser's limit."""
+        return np.isfinite(self.ranges_m) & (self.ranges_m < _FARTHEST_M)
 
     @cached_property
     def points(self) -> FloatArray:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from slam.scan_match import RangeFit
 
 _MEMORY = 50
 """Chosen: about five seconds of scans count."""
+_LEAST_OFFSET_M = 0.001
 _MOST_NIS = 25.0
 """One slip of a tire is no trend: it counts as so much at most."""
 _LEAST = 30
@@ -25,17 +26,29 @@ class InnovationMonitor:
 
     nis_limit: float = 6.0
     scale_limits: tuple[float, float] = (0.75, 1.3)
-    offset_limit_sigmas: float = 6.0
+    offset_limit_sigmas: float = 4.0
+    strain_limit: float = 4.0
     count: int = 0
     _nis: float = 0.0
     _scale: float = 0.0
     _offset_information: float = 0.0
     _offset_pull: float = 0.0
-    _is_new: bool = field(default=True, repr=False)
+    _strain: float = 0.0
 
-    def take(self, nis: float | None, fit: RangeFit | None) -> None:
-        """Notes one scan's normalised innovation squared and the fit of its ranges."""
+    def take(
+        self,
+        nis: float | None,
+        fit: RangeFit | None,
+        strain: float = 0.0,
+        corrected_m: float = 0.0,
+    ) -> None:
+        """Notes one scan's normalised innovation squared and the fit of its ranges.
+
+        strain: of the wheels' learnt constants, in standard deviations of what was thought of them.
+        corrected_m: offset by which the ranges had been corrected before.
+        """
         self.count += 1
+        self._strain = strain
         share = 1.0 / min(self.count, _MEMORY)
         if nis is not None:
             self._nis += share * (min(nis, _MOST_NIS) - self._nis)
@@ -44,12 +57,18 @@ class InnovationMonitor:
             if math.isfinite(fit.offset_sigma_m) and fit.offset_sigma_m > 0.0:
                 information = fit.offset_sigma_m**-2
                 self._offset_information += information
-                self._offset_pull += information * fit.offset_m
+                self._offset_pull += information * (fit.offset_m + corrected_m)
 
     @property
     def offset_m(self) -> float:
         """Mean range offset so far [m]."""
         return self._offset_pull / self._offset_information if self._offset_information else 0.0
+
+    @property
+    def has_offset(self) -> bool:
+        """Whether the ranges have an offset, beyond doubt and worth a word."""
+        sigmas = abs(self._offset_pull) / math.sqrt(self._offset_information or 1.0)
+        return sigmas > self.offset_limit_sigmas and abs(self.offset_m) > _LEAST_OFFSET_M
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -63,8 +82,7 @@ class InnovationMonitor:
                 f"ranges scatter {self._scale:.2f} times as wide as the laser model's noise says:"
                 " give it the right sigma"
             )
-        sigmas = abs(self._offset_pull) / math.sqrt(self._offset_information or 1.0)
-        if sigmas > self.offset_limit_sigmas and abs(self.offset_m) > 0.001:
+        if self.has_offset:
             said.append(
                 f"ranges are {1000.0 * self.offset_m:+.1f} mm off the map on average, the same for"
                 " all beams: correct the laser's offset, or the map's scale"
@@ -72,6 +90,11 @@ class InnovationMonitor:
         if self.count >= _LEAST and self._nis > self.nis_limit:
             said.append(
                 f"odometry and scan matches differ: normalised innovation {self._nis:.1f} where 3"
-                " is expected; check the laser's mounting and the wheels (slam.calibrate)"
+                " is expected; check the laser's mounting and the wheels (kitasap calibrate)"
+            )
+        if self.count >= _LEAST and self._strain > self.strain_limit:
+            said.append(
+                f"the wheels would have to be {self._strain:.0f} times as wrong as thought to explain"
+                " the scans; check the laser's mounting and the wheels (kitasap calibrate)"
             )
         return tuple(said)

@@ -52,10 +52,16 @@ class PoseFilter:
             wheels.forward_scale, wheels.turn_scale, wheels.curvature_per_m, wheels.side_slip_s,
             wheels.lag_s, wheels.turn_shift_m,
         ]  # fmt: skip
+        self._deviations = np.array(deviations)
         self._velocity: FloatArray | None = None
         self._P: FloatArray = np.zeros((9, 9))
         self._P[:3, :3] = covariance
         self._P[3:, 3:] = np.diag(np.square(deviations))
+
+    @property
+    def strain(self) -> float:
+        """Largest of the wheels' learnt constants, in standard deviations of what was thought of it."""
+        return float((np.abs(self.wheel_errors) / self._deviations).max())
 
     @property
     def covariance(self) -> FloatArray:

@@ -26,8 +26,8 @@ class LaserModel:
     noise: RangeNoise
     range_min_m: float = 0.0
     range_max_m: float = 30.0
-    outlier_ratio: float = 0.1
-    mixed_ratio: float = 0.3
+    outlier_ratio: float = 0.05
+    mixed_ratio: float = 0.2
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.range_min_m < self.range_max_m < math.inf:

@@ -88,6 +88,7 @@ class Localizer:
         self._last: Measurement | None = None
         self._claims_nothing = False
         self._match_scale, self._fused = 1.0, 0
+        self._offset_m = 0.0
 
     @property
     def T_map_base(self) -> SE2:
@@ -97,18 +98,23 @@ class Localizer:
     def update(self, measurement: Measurement) -> Estimate:
         """One pass of Fig. 2. Without a match the prediction stands."""
         duration_s = self._duration_s(measurement)
-        motion, covariance = measurement.motion, measurement.motion_covariance
-        moved = self._filter.predict(motion, duration_s, covariance)  # step 1
+        motion, noise = measurement.motion, measurement.motion_covariance
+        moved = self._filter.predict(motion, duration_s, noise)  # step 1
         T_predicted = self.T_map_base
         beams = self._beams(measurement, moved, duration_s)
         if self._is_repeated(measurement):
             # the same noise twice is no second look: it would be counted as one
             match = ScanMatch(T_predicted, MatchStatus.NOT_ATTEMPTED)
         else:
-            match = self.matcher(beams, T_predicted)  # steps 2 to 7
+            match = self.matcher(beams.shortened(self._offset_m), T_predicted)  # steps 2 to 7
         self._last = measurement
         nis = self._correct(self._loosened(match))
-        self._monitor.take(nis, match.fit if match.is_matched else None)
+        fit = match.fit if match.is_matched else None
+        # as it would be had the matches' covariances not been widened to fit
+        unscaled = None if nis is None else nis * self._match_scale
+        self._monitor.take(unscaled, fit, self._filter.strain, self._offset_m)
+        if self._monitor.has_offset:
+            self._offset_m = self._monitor.offset_m
         covariance = None if self._claims_nothing else self._filter.covariance
         return Estimate(
             measurement.time_s, T_predicted, self.T_map_base, match, covariance, nis,

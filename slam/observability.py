@@ -17,6 +17,8 @@ _LEAST_SHARE = 0.0004
 """Chosen: the least of 600 scans of two real buildings that found their pose was 0.0005; corridors
 in which scans slid have none."""
 _MOST_POINTS = 200
+_LEAST_EXTENT_M = 0.1
+"""Chosen: a scan that all lies in one spot, as of a blocked laser, is a scan of nothing."""
 
 
 def held(
@@ -33,7 +35,9 @@ def held(
         return T_predicted, True
     points = points_base[:: max(1, len(points_base) // _MOST_POINTS)]
     centre = points.mean(axis=0)
-    lever_m = max(math.sqrt(float(np.mean(np.sum((points - centre) ** 2, axis=1)))), 1e-3)
+    lever_m = math.sqrt(float(np.mean(np.sum((points - centre) ** 2, axis=1))))
+    if lever_m < _LEAST_EXTENT_M:
+        return T_predicted, True
     shares, directions = np.linalg.eigh(_curvature(T_map_base @ points, lever_m, point_map))
     is_open = shares < _LEAST_SHARE
     if not is_open.any():

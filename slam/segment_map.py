@@ -60,6 +60,8 @@ class SegmentMap:
     ) -> SegmentMap:
         """The map of surfaces that are exactly known, in as few walls as that tolerance allows."""
         array = frozen_array(segments, (None, 2, 2), "segments")
+        if not np.isfinite(array).all():
+            raise ValueError("segments must be finite")
         walls = simplified(joined(array), tolerance_m)
         return SegmentMap(walls, is_one_sided=is_one_sided)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -51,7 +52,7 @@ def simplified(segments: FloatArray, tolerance_m: float) -> FloatArray:
     pieces = []
     for chain in _chains(segments):
         kept = _corners_that_matter(chain, tolerance_m)
-        pieces += [chain[[first, last]] for first, last in zip(kept[:-1], kept[1:], strict=True)]
+        pieces += [chain[[first, last]] for first, last in itertools.pairwise(kept)]
     thinned = np.array(pieces).reshape(-1, 2, 2)
     return thinned[np.any(thinned[:, 0] != thinned[:, 1], axis=1)]
 

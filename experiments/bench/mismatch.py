@@ -63,7 +63,9 @@ def _figures(experiment: str, config: TrialConfig, seed: int, trials: int) -> di
     samples = [sample for record in records for sample in record.get("samples", [record])]
     result = summarised(samples, config.methods)[METHOD]
     warned = sum(
-        bool(record["methods"][METHOD]["warnings"]) for record in records if record["status"] == "ok"
+        bool(record["methods"][METHOD]["warnings"])
+        for record in records
+        if record["status"] == "ok"
     )
     told = {
         warning
@@ -71,7 +73,15 @@ def _figures(experiment: str, config: TrialConfig, seed: int, trials: int) -> di
         if record["status"] == "ok"
         for warning in record["methods"][METHOD]["warnings"]
     }
-    keys = ("rmse_mm", "rmse_mrad", "crlb_mm", "crlb_ratio", "crlb_ratio_theta", "nees", "nees_band95")
+    keys = (
+        "rmse_mm",
+        "rmse_mrad",
+        "crlb_mm",
+        "crlb_ratio",
+        "crlb_ratio_theta",
+        "nees",
+        "nees_band95",
+    )
     return {key: result[key] for key in keys} | {
         "failures": result["failures"],
         "confident_wrong": result["confident_wrong"],

@@ -22,8 +22,11 @@ _INLIER = 16.0
 _LIMIT_SIGMAS = 3.0
 _MIN_COSINE = 0.02
 """Chosen: a degree; flatter beams give no return on real walls."""
-_DAMPING = 1e-9
+_DAMPING = 1e-4
+"""Chosen: along a direction of which the scan knows less than a hundredth of what it knows across
+(in standard deviations), a step is no correction but noise made large."""
 _ROOT_TWO_PI = 2.5066282746310002
+_NO_OFFSET = 1e-3
 _LEAST_JUMP_M = 0.02
 """A smaller jump than this mixes nothing that noise would not hide."""
 
@@ -171,12 +174,13 @@ def look(
 @compiled
 def solved(information: FloatArray, pull: FloatArray, out: FloatArray) -> None:
     """The Gauss-Newton step: information \\ pull, with directions that nothing fixes left alone."""
-    a = information[0, 0] + _DAMPING * (1.0 + information[0, 0])
+    held = _DAMPING * (information[0, 0] + information[1, 1]) + 1e-9
+    a = information[0, 0] + held
     b = information[0, 1]
     c = information[0, 2]
-    d = information[1, 1] + _DAMPING * (1.0 + information[1, 1])
+    d = information[1, 1] + held
     e = information[1, 2]
-    f = information[2, 2] + _DAMPING * (1.0 + information[2, 2])
+    f = information[2, 2] * (1.0 + _DAMPING) + 1e-9
     aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * aa + b * bb + c * cc
     dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
@@ -272,7 +276,8 @@ def keep_smooth(
 @compiled
 def inverted(information: FloatArray) -> FloatArray:
     """(3, 3) inverse of an information matrix; directions without information get a metre, a radian."""
-    return np.linalg.inv(information + np.eye(3))
+    inverse: FloatArray = np.linalg.inv(information + np.eye(3))
+    return inverse
 
 
 @compiled
@@ -332,13 +337,13 @@ def widest(information: FloatArray) -> tuple[float, float]:
 
 @compiled
 def free_offset(
-    information: FloatArray, sums: FloatArray, min_sigmas: float, pose: FloatArray
+    information: FloatArray, sums: FloatArray, prior: FloatArray, pose: FloatArray
 ) -> tuple[float, float]:
     """The range offset common to all beams and its deviation [m]; pose and information freed of it.
 
-    The fourth unknown of the same least squares, eliminated by its Schur complement: where the scan
-    shows that the laser has one, the pose (3,) and its information (3, 3) are, in place, those of
-    the four together.
+    The fourth unknown of the same least squares, eliminated by its Schur complement. prior: (2,)
+    probability that a laser has an offset at all, and its standard deviation then [m]. Pose (3,)
+    and information (3, 3) become, in place, those of both cases by their posterior probabilities.
     """
     covariance, response = np.empty((3, 3)), np.zeros(3)
     if not covariance_into(information, covariance):
@@ -351,10 +356,19 @@ def free_offset(
     if not left > 0.0:
         return 0.0, np.inf
     offset, deviation = sums[OFFSET_PULL] / left, 1.0 / math.sqrt(left)
-    if abs(offset) >= min_sigmas * deviation:
-        moved(pose, -offset * response)
-        for j in range(3):
-            for k in range(3):
-                covariance[j, k] += response[j] * response[k] * deviation * deviation
-        information[:] = np.linalg.inv(covariance)
+    wide = deviation * deviation + prior[1] * prior[1]
+    squared = (offset / deviation) ** 2
+    evidence = -0.5 * squared * (1.0 - deviation * deviation / wide)
+    odds_none = (1.0 - prior[0]) / prior[0] * math.sqrt(wide) / deviation * math.exp(evidence)
+    probability = 1.0 / (1.0 + odds_none)
+    if probability < _NO_OFFSET:
+        return offset, deviation
+    shrunk = offset * prior[1] * prior[1] / wide
+    left_over = deviation * deviation * prior[1] * prior[1] / wide
+    variance = probability * left_over + probability * (1.0 - probability) * shrunk * shrunk
+    moved(pose, -probability * shrunk * response)
+    for j in range(3):
+        for k in range(3):
+            covariance[j, k] += response[j] * response[k] * variance
+    information[:] = np.linalg.inv(covariance)
     return offset, deviation

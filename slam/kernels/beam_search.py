@@ -9,7 +9,7 @@ import numpy as np
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
 from slam.kernels.beam_likelihood import inverted, keep_smooth, look, moved, solved
-from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside, smoothed
+from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
 from slam.kernels.ray_casting import cast_fan, to_base
 
 _REACH_RATIO, _REACH_M = 1.2, 1.0
@@ -72,7 +72,7 @@ def climb(
             outliers, blur, pose[2], predicted, hit_walls, is_kept, information, pull, sums,
         )  # fmt: skip
         solved(information, pull, step)
-        length = math.sqrt(max(step @ pull, 0.0))
+        length = math.sqrt(max(float(step @ pull), 0.0))
         if length <= tolerance:
             return taken + 1, True
         if taken >= _PATIENCE:
@@ -226,9 +226,11 @@ def sharpen(
             for e in range(edge_count):
                 distances[e] = min(distances[e], ranges[e].min())
     edge_likelihoods(ranges, edges, measured, noise, limits, outliers, predicted, likelihoods)
+    for e in range(edge_count):
+        if is_refuted(edges[e], distances[e], predicted, measured, noise, is_kept):
+            likelihoods[e] = 1.0
     smoothed(likelihoods, edge_blurs)
     mean = np.zeros(3)
     propagate(information, axes, shifts, likelihoods, sweeps, mean, covariance)
     moved(pose, mean)
-    information[:] = np.linalg.inv(covariance)
     return edge_count

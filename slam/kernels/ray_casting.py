@@ -236,7 +236,11 @@ def visible_part(
         is_near,
     )  # fmt: skip
     count = is_near.sum()
-    part, part_normals, part_sigmas = np.empty((count, 2), np.int64), np.empty((count, 2)), np.empty(count)
+    part, part_normals, part_sigmas = (
+        np.empty((count, 2), np.int64),
+        np.empty((count, 2)),
+        np.empty(count),
+    )
     renamed = np.full(map_vertices.shape[0], -1)
     part_vertices = np.empty((2 * count, 2))
     used, k = 0, 0

@@ -1,0 +1,119 @@
+"""Expectation propagation over what beams beside an edge tell."""
+
+import numpy as np
+import pytest
+
+from slam.beams import Beams
+from slam.kernels.edges import propagate, ranges_beside
+from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS
+
+NODES = np.linspace(-3.5, 3.5, 33)
+INFORMATION = np.linalg.inv(
+    np.array([[4e-6, 1e-6, 2e-7], [1e-6, 9e-6, -5e-7], [2e-7, -5e-7, 1e-6]])
+)
+
+
+def propagated(
+    axes: np.ndarray, shifts: np.ndarray, likelihoods: np.ndarray, sweeps: int = 20
+) -> tuple[np.ndarray, np.ndarray]:
+    mean, covariance = np.zeros(3), np.zeros((3, 3))
+    propagate(INFORMATION.copy(), axes, shifts, likelihoods, sweeps, mean, covariance)
+    return mean, covariance
+
+
+def nodes_along(axes: np.ndarray) -> np.ndarray:
+    """(E, K) shifts at the nodes of the Gaussian given."""
+    covariance = np.linalg.inv(INFORMATION)
+    sigmas = np.sqrt(np.einsum("ei,ij,ej->e", axes, covariance, axes))
+    return sigmas[:, np.newaxis] * NODES
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_gaussian_edges_give_the_product_of_gaussians(seed):
+    rng = np.random.default_rng(seed)
+    turns = rng.uniform(-np.pi, np.pi, 4)
+    axes = np.column_stack([-np.sin(turns), np.cos(turns), rng.uniform(0.5, 4.0, 4)])
+    shifts = nodes_along(axes)
+    widths = shifts[:, -1] / 3.5 * rng.uniform(0.8, 2.0, 4)
+    middles = 0.5 * widths * rng.uniform(-1.0, 1.0, 4)
+    likelihoods = np.exp(-0.5 * ((shifts - middles[:, None]) / widths[:, None]) ** 2)
+    mean, covariance = propagated(axes, shifts, likelihoods)
+    total = INFORMATION + (axes / widths[:, None] ** 2).T @ axes
+    expected = np.linalg.solve(total, axes.T @ (middles / widths**2))
+    # nodes end at 3.5 sigma: what lies beyond is 5e-4 of the mass and 1 % of the variance
+    sigmas = np.sqrt(np.diag(np.linalg.inv(total)))
+    np.testing.assert_allclose(mean / sigmas, expected / sigmas, atol=0.02)
+    np.testing.assert_allclose(covariance @ total, np.eye(3), atol=0.03)
+
+
+def test_without_edges_the_gaussian_stays():
+    mean, covariance = propagated(np.empty((0, 3)), np.empty((0, 33)), np.empty((0, 33)))
+    assert not mean.any()
+    np.testing.assert_allclose(covariance @ INFORMATION, np.eye(3), atol=1e-9)
+
+
+def test_edge_that_says_the_same_everywhere_changes_next_to_nothing():
+    axes = np.array([[0.0, 1.0, 2.0]])
+    mean, covariance = propagated(axes, nodes_along(axes), np.full((1, 33), 0.7))
+    # nodes end at 3.5 sigma: 1 % of the variance along it
+    sigmas = np.sqrt(np.diag(np.linalg.inv(INFORMATION)))
+    assert np.abs(mean / sigmas).max() < 1e-6
+    np.testing.assert_allclose(covariance @ INFORMATION, np.eye(3), atol=0.02)
+
+
+def test_edge_that_leaves_one_side_gives_the_half_of_a_gaussian():
+    # a normal cut at its middle has the mean sigma sqrt(2 / pi) and variance sigma^2 (1 - 2 / pi)
+    axes = np.array([[0.0, 1.0, 0.0]])
+    shifts = nodes_along(axes)
+    likelihoods = np.where(shifts > 0.0, 1.0, np.where(shifts == 0.0, 0.5, 0.0))
+    mean, covariance = propagated(axes, shifts, likelihoods)
+    sigma = 3e-3
+    # a step is known to a node, 0.22 sigma: a twentieth of that in the mean
+    assert mean[1] / sigma == pytest.approx(np.sqrt(2.0 / np.pi), abs=0.02)
+    assert covariance[1, 1] / sigma**2 == pytest.approx(1.0 - 2.0 / np.pi, abs=0.03)
+    # x and heading follow by their correlation
+    assert mean[0] / mean[1] == pytest.approx(1.0 / 9.0, rel=1e-6)
+
+
+def test_edge_that_nothing_explains_is_left_out():
+    axes = np.array([[0.0, 1.0, 2.0]])
+    mean, covariance = propagated(axes, nodes_along(axes), np.zeros((1, 33)))
+    assert not mean.any()
+    np.testing.assert_allclose(covariance @ INFORMATION, np.eye(3), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_ranges_beside_are_those_from_the_shifted_origins(seed):
+    rng = np.random.default_rng(seed)
+    segment_map = SegmentMap(ROOM_SEGMENTS)
+    pose = ROOM_CENTRE @ SE2(*rng.uniform(-0.5, 0.5, 2), rng.uniform(-3.0, 3.0))
+    origins_m = rng.normal(0.0, 0.05, (len(ANGLES_RAD), 2))
+    beams = Beams(origins_m, ANGLES_RAD, np.full(len(ANGLES_RAD), np.nan))
+    chosen = np.sort(rng.choice(len(beams), 40, replace=False))
+    shifts = np.tile(np.linspace(-0.2, 0.2, 33), (40, 1)) * rng.uniform(0.1, 1.0, (40, 1))
+    found_m = np.empty_like(shifts)
+    vertices = pose.inverse() @ segment_map.vertices
+    ranges_beside(
+        vertices, segment_map.walls, chosen, beams.origins_m, beams.directions, shifts, 30.0, found_m
+    )  # fmt: skip
+    left = np.column_stack([-beams.directions[:, 1], beams.directions[:, 0]])
+    differences = []
+    for k in range(33):
+        moved = origins_m.copy()
+        moved[chosen] += shifts[:, k, np.newaxis] * left[chosen]
+        expected_m, _ = segment_map.ranges(Beams(moved, ANGLES_RAD, beams.ranges_m), pose, 30.0)
+        differences.append(np.abs(found_m[:, k] - expected_m[chosen]))
+    # exact but for rounding; no node here lies within that of an edge
+    assert np.max(differences) < 1e-9
+
+
+def test_nothing_beside_is_infinite():
+    segment_map = SegmentMap([[[2.0, 0.1], [2.0, 1.0]]])
+    found_m = np.empty((1, 3))
+    ranges_beside(
+        segment_map.vertices, segment_map.walls, np.zeros(1, dtype=np.int64), np.zeros((1, 2)),
+        np.array([[1.0, 0.0]]), np.array([[-0.2, 0.0, 0.2]]), 30.0, found_m,
+    )  # fmt: skip
+    assert found_m.tolist() == [[np.inf, np.inf, 2.0]]
