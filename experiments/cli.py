@@ -197,12 +197,13 @@ def real_log(
     log: Annotated[Path, typer.Argument(help="A CARMEN log, gz or plain.")],
     reference: Annotated[Path, typer.Option(help="Reference poses of its scans, TUM format.")],
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "real-log",
+    method: Annotated[str, typer.Option(help="open3d, fast or limit.")] = "open3d",
 ) -> None:
     """Maps a recorded log from the reference poses of its even scans, localises the odd ones."""
     from experiments import real_logs
     from experiments.figures import real_log_picture
 
-    result = real_logs.run(log, reference)
+    result = real_logs.run(log, reference, real_logs.RealLogConfig(method=method))
     real_logs.write_results(result, out)
     real_log_picture(out, result)
     summary = result.summary()

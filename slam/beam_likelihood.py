@@ -152,6 +152,7 @@ def match_beams(
     """
     config = config or BeamConfig()
     is_near = near_information is not None or config.blurs_m[0] <= _NEAR_BLUR_M
+    is_near = is_near and segment_map.is_exact
     reach_m = laser.range_max_m * _REACH_RATIO + _REACH_M
     walls = segment_map.seen_from(beams, T_map_base, reach_m) if is_near else segment_map
     match = _matched(beams, walls, laser, laser.noise_table, T_map_base, config, near_information)
@@ -185,6 +186,10 @@ def _matched(
 ) -> BeamMatch:
     pose, information, sums = T_map_base.as_array(), np.zeros((3, 3)), np.zeros(SUM_COUNT)
     blurs = config.blurs
+    # on a map made of scans things stand that have gone since: the beam may have passed them, and
+    # is compared with that wall on its way which is nearest to what it measured
+    is_first = segment_map.is_exact
+    targets = np.zeros(len(beams)) if is_first else np.where(beams.is_hit, beams.ranges_m, 0.0)
     if near_information is not None:
         information[:], blurs = near_information, _NO_BLURS
     predicted, is_kept = np.full(len(beams), np.inf), np.ones(len(beams), dtype=np.bool_)
@@ -195,7 +200,7 @@ def _matched(
         beams.ranges_m, noise, laser.limits_m, laser.outliers,
     )  # fmt: skip
     steps, is_settled = maximise(
-        *scene, blurs, config.max_steps, config.tolerance_sigmas, pose, information,
+        *scene, blurs, config.max_steps, config.tolerance_sigmas, targets, pose, information,
         sums, predicted, hit_walls,
     )  # fmt: skip
     verdict = sums.copy()

@@ -162,17 +162,12 @@ class Localizer:
         return replace(match, information=(loosened + loosened.T) / 2.0)
 
     def _duration_s(self, measurement: Measurement) -> float:
-        """Time since the last measurement [s]; inf for the first.
+        """Time since the last measurement [s]; inf where stamps do not tell.
 
-        Raises ValueError if it comes before the last one.
+        Stamps of real logs repeat and jump back: their scans are then taken as they are.
         """
-        if self._last is None:
+        if self._last is None or not measurement.time_s > self._last.time_s:
             return np.inf
-        if not measurement.time_s > self._last.time_s:
-            raise ValueError(
-                f"a measurement of {measurement.time_s} s came after one of {self._last.time_s} s:"
-                " they must come in the order of time"
-            )
         return measurement.time_s - self._last.time_s
 
     def _beams(self, measurement: Measurement, moved: SE2, duration_s: float) -> Beams:

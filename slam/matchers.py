@@ -136,8 +136,6 @@ class VerdictConfig:
 _NEAR_HEADINGS_RAD = (0.0, 0.175, -0.175, 0.35, -0.35)
 _NEAR_SHIFTS_M = ((0.0, 0.0), (0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2))
 
-_NORMAL_SIGMA_RAD = 0.005
-"""Chosen: a cell of 2 cm takes a wall round by 2 m for one that is straight; 5 mrad at its rim."""
 _NEAR_COST = 0.2
 """Below it the surfels have found the pose to a few millimetres, and the blurred stages can be left out."""
 _NEAR_TURNS_RAD = (0.0, 0.06, -0.06)
@@ -186,7 +184,7 @@ class FastMatcher:
         )
         if found.point_count < self.verdict.min_beams or not found.cost <= self.max_cost:
             return match
-        sure = found.information - self._spurious(beams, found.information)
+        sure = self.sure_of(beams, found.information)
         if self.verdict.is_open(sure):
             held_information = self.verdict.held(sure)
             return replace(match, status=MatchStatus.DEGENERATE, information=held_information)
@@ -195,12 +193,13 @@ class FastMatcher:
             match, status=MatchStatus.MATCHED if is_settled else MatchStatus.NOT_CONVERGED
         )
 
-    def _spurious(self, beams: Beams, information: FloatArray) -> FloatArray:
-        """(3, 3) information that normals, wrong by what a cell makes of them, seem to give."""
+    def sure_of(self, beams: Beams, information: FloatArray) -> FloatArray:
+        """(3, 3) information without what normals that are wrong by chance seem to give."""
         weight = information[0, 0] + information[1, 1]
         lever_m2 = float(np.mean(np.sum(beams.points**2, axis=1)))
-        share = 3.0 * _NORMAL_SIGMA_RAD**2 * weight
-        return np.diag([share, share, share * lever_m2])
+        share = 3.0 * self.grid.normal_sigma_rad**2 * weight
+        values, directions = np.linalg.eigh(information - np.diag([share, share, share * lever_m2]))
+        return np.asarray((directions * np.maximum(values, 0.0)) @ directions.T)
 
     def nearest(self, beams: Beams, T_predicted: SE2) -> SurfelMatch:
         """The best of what the starts lead to; the predicted pose alone, where that is good."""
@@ -242,7 +241,10 @@ class LimitMatcher:
             IcpStep(best.T_map_base, best.cost, best.used),
         )
         fit = RangeFit(best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m)
-        status, information = self._status(best), best.information
+        information = best.information
+        if not self.segment_map.is_exact:
+            information = self.fast.sure_of(beams, information)
+        status = self._status(best, information)
         if status is MatchStatus.DEGENERATE:
             information = self.verdict.held(information)
         return ScanMatch(best.T_map_base, status, best.cost, best.used, path, information, fit)
@@ -266,7 +268,7 @@ class LimitMatcher:
         ends = [best, *(self._climbed(beams, T_start, from_afar) for T_start in starts)]
         return min(ends, key=lambda match: (not match.is_settled, match.cost))
 
-    def _status(self, match: BeamMatch) -> MatchStatus:
+    def _status(self, match: BeamMatch, information: FloatArray) -> MatchStatus:
         verdict = self.verdict
         fits = match.inlier_ratio >= verdict.min_inlier_ratio
         if (
@@ -275,6 +277,6 @@ class LimitMatcher:
             or match.behind_ratio > verdict.max_behind_ratio
         ):
             return MatchStatus.LOST
-        if verdict.is_open(match.information):
+        if verdict.is_open(information):
             return MatchStatus.DEGENERATE
         return MatchStatus.MATCHED if match.is_settled else MatchStatus.NOT_CONVERGED

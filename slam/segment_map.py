@@ -100,6 +100,7 @@ class SegmentMap:
         to_base(self.vertices, T_map_base.x, T_map_base.y, T_map_base.theta, vertices)
         cast_fan(
             vertices, self.walls, beams.origins_m, beams.directions, beams.angles_rad,
-            beams.middle_m, beams.spread_m, range_max_m, bearings, ranges_m, walls,
+            beams.middle_m, beams.spread_m, range_max_m, np.zeros(len(beams)), bearings, ranges_m,
+            walls,
         )  # fmt: skip
         return ranges_m, walls

@@ -22,7 +22,7 @@ def real_log_picture(folder: Path, result: RealLogResult) -> Path:
     axis.plot(*positions[matched].T, ".", ms=4, color=COLOURS["open3d"], label="odd scans, found")
     if not matched.all():
         axis.plot(*positions[~matched].T, "x", ms=6, color=COLOURS["paper"], label="lost, said so")
-    axis.set(xlabel="x [m]", ylabel="y [m]", title=f"{result.name}, method open3d")
+    axis.set(xlabel="x [m]", ylabel="y [m]", title=f"{result.name}, method {result.config.method}")
     axis.set_aspect("equal")
     axis.legend(loc="best", markerscale=2)
     return saved(figure, folder / "localization")

@@ -257,8 +257,8 @@ def keep_smooth(
             shifted[i, 0] = origins[i, 0] - sign * shifts[i] * directions[i, 1]
             shifted[i, 1] = origins[i, 1] + sign * shifts[i] * directions[i, 0]
         cast_fan(
-            vertices, walls, shifted, directions, angles, middle, spread + widest, reach, bearings,
-            ranges, hits,
+            vertices, walls, shifted, directions, angles, middle, spread + widest, reach,
+            np.zeros(count), bearings, ranges, hits,
         )  # fmt: skip
         for i in range(count):
             if not is_kept[i]:
@@ -276,8 +276,7 @@ def keep_smooth(
 @compiled
 def inverted(information: FloatArray) -> FloatArray:
     """(3, 3) inverse of an information matrix; directions without information get a metre, a radian."""
-    inverse: FloatArray = np.linalg.inv(information + np.eye(3))
-    return inverse
+    return np.linalg.inv(information + np.eye(3))  # type: ignore[return-value]
 
 
 @compiled

@@ -43,6 +43,7 @@ def climb(
     blur: float,
     max_steps: int,
     tolerance: float,
+    targets: FloatArray,
     is_kept: BoolArray,
     pose: FloatArray,
     predicted: FloatArray,
@@ -64,8 +65,8 @@ def climb(
     for taken in range(max_steps):
         to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
         cast_fan(
-            vertices, walls, origins, directions, angles, middle, spread, reach, bearings,
-            predicted, hit_walls,
+            vertices, walls, origins, directions, angles, middle, spread, reach, targets,
+            bearings, predicted, hit_walls,
         )  # fmt: skip
         look(
             wall_normals, wall_sigmas, origins, directions, measured, noise, limits,
@@ -81,8 +82,8 @@ def climb(
         moved(pose, step)
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     cast_fan(
-        vertices, walls, origins, directions, angles, middle, spread, reach, bearings, predicted,
-        hit_walls,
+        vertices, walls, origins, directions, angles, middle, spread, reach, targets, bearings,
+        predicted, hit_walls,
     )  # fmt: skip
     look(
         wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, blur,
@@ -109,6 +110,7 @@ def maximise(
     blurs: FloatArray,
     max_steps: int,
     tolerance: float,
+    targets: FloatArray,
     pose: FloatArray,
     information: FloatArray,
     sums: FloatArray,
@@ -139,7 +141,7 @@ def maximise(
         taken, settled = climb(
             map_vertices, walls, wall_normals, wall_sigmas, origins, directions, angles, middle,
             spread, measured, noise, limits, outliers, blur, max_steps,
-            tolerance if is_last else max(tolerance, _EARLY_TOLERANCE), is_kept, pose, predicted,
+            tolerance if is_last else max(tolerance, _EARLY_TOLERANCE), targets, is_kept, pose, predicted,
             hit_walls, vertices, bearings, information, pull, sums,
         )  # fmt: skip
         steps += taken

@@ -98,6 +98,7 @@ def cast_fan(
     middle: FloatArray,
     spread: float,
     range_max: float,
+    targets: FloatArray,
     bearings: FloatArray,
     ranges: FloatArray,
     hit_walls: IntArray,
@@ -106,6 +107,7 @@ def cast_fan(
 
     vertices: (V, 2) in the frame of the beams. walls: (W, 2) vertices at both ends; a wall is seen
     from its left only. origins, directions: (N, 2); angles: (N,) of the directions, increasing.
+    targets: (N,) of all walls along a beam, the one nearest to this range is taken; 0: the first.
     middle: (2,), from which no origin is farther than spread. bearings: (V, 2) scratch. ranges,
     hit_walls: (N,) results.
     """
@@ -142,9 +144,10 @@ def cast_fan(
                 if determinant > 0.0:  # from the wall's left
                     along_beam = (ox * ey - oy * ex) / determinant
                     along_wall = (ox * uy - oy * ux) / determinant
+                    target = targets[i]
                     if (
-                        0.0 < along_beam < ranges[i]
-                        and along_beam <= range_max
+                        abs(along_beam - target) < abs(ranges[i] - target)
+                        and 0.0 < along_beam <= range_max
                         and -_TOUCH <= along_wall <= 1.0 + _TOUCH
                     ):
                         ranges[i] = along_beam
@@ -228,8 +231,8 @@ def visible_part(
     is_near = np.empty(walls.shape[0], dtype=np.bool_)
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     cast_fan(
-        vertices, walls, origins, directions, angles, middle, spread, range_max, bearings, ranges,
-        hits,
+        vertices, walls, origins, directions, angles, middle, spread, range_max,
+        np.zeros(angles.shape[0]), bearings, ranges, hits,
     )  # fmt: skip
     near_visible(
         vertices, walls, angles, middle, spread, range_max, bearings, ranges, margin, beside,
