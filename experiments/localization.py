@@ -57,15 +57,26 @@ def start_poses(
     if config.poses == "paper":
         return Operator().aimed(place.start, rng), place.start
     pose = place.draw_free_pose(rng)
+    return pose, pose + start_error(config, rng)
+
+
+def start_error(config: TrialConfig, rng: np.random.Generator) -> np.ndarray:
+    """(3,) how wrong a belief is at first, uniform to either side on each axis [m, rad]."""
     limits = np.array([config.start_error_m, config.start_error_m, config.start_error_rad])
-    return pose, pose + rng.uniform(-limits, limits)
+    return rng.uniform(-limits, limits)
 
 
-def make_localizers(config: TrialConfig, believed: np.ndarray) -> dict[str, Localizer]:
-    """A localizer of its own for each method, all with the same belief (3,) of the pose."""
-    known = config.known_place
+def make_localizers(
+    config: TrialConfig, believed: np.ndarray, *, is_tracking: bool = False
+) -> dict[str, Localizer]:
+    """A localizer of its own for each method, all with the same belief (3,) of the pose.
+
+    is_tracking: they will see every scan.
+    """
+    known, T_believed = config.known_place, SE2.from_array(believed)
     return {
-        name: METHODS[name].localizer(known, SE2.from_array(believed)) for name in config.methods
+        name: METHODS[name].localizer(known, T_believed, is_tracking=is_tracking)
+        for name in config.methods
     }
 
 

@@ -7,7 +7,6 @@ scan that takes its time. The turn rate is `--turn-rate`, the speed the paper's 
 
 import itertools
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -15,15 +14,13 @@ from typing import Any
 import numpy as np
 
 from experiments.bounds import scan_bound
-from experiments.localization import in_view
-from experiments.methods import METHODS
+from experiments.localization import in_view, make_localizers, start_error, update_all
 from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult, bound_record
 from kitasap_sim.drive import Driver, Pilot
 from kitasap_sim.places import Place
 from kitasap_sim.simulation import SensorFrame, Simulation
 from slam.measurements import LaserScan
-from slam.se2 import SE2
 
 NAME = "tracking"
 SPEED_MPS = 0.2
@@ -54,23 +51,14 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrackingResult:
     simulation = config.simulation(simulation_rng)
     start, side = _start(config, simulation.world, pose_rng)
     simulation.reset(start)
-    limits = np.array([config.start_error_m, config.start_error_m, config.start_error_rad])
-    believed = simulation.truth().pose + pose_rng.uniform(-limits, limits)
+    believed = start + start_error(config, pose_rng)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
-    localizers = {
-        name: METHODS[name].localizer(known, SE2.from_array(believed), is_tracking=True)
-        for name in config.methods
-    }
+    localizers = make_localizers(config, believed, is_tracking=True)
     drive = _Drive(config, simulation)
     for frame in _driven(config, simulation, side, pose_rng):
         measurement, true = source.measurement(frame), simulation.truth().pose
         bound = scan_bound(known, config.true_laser, measurement.scan, true)
-        outcomes, cpu_s = {}, {}
-        for name, localizer in localizers.items():
-            started_s = time.process_time()
-            estimate = localizer.update(measurement)
-            cpu_s[name] = time.process_time() - started_s
-            outcomes[name] = Outcome.of(estimate, true, config)
+        outcomes, cpu_s = update_all(config, localizers, measurement, true)
         drive.take(frame.time_s, measurement.scan, true, bound, outcomes, cpu_s)
         if frame.time_s >= config.duration_s:
             break

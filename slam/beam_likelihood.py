@@ -17,23 +17,21 @@ from slam.kernels.beam_likelihood import (
     INLIERS,
     SUM_COUNT,
     USED,
-    covariance_into,
     free_offset,
     look,
     residual_scale,
-    widest,
 )
-from slam.kernels.beam_search import maximise, sharpen
+from slam.kernels.beam_search import maximise, reach_of, sharpen
+from slam.kernels.normal_equations import covariance_into, widest
 from slam.laser_model import LaserModel
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.segment_map import SegmentMap, is_near_by
 
 _SHARP_M = 0.02
 """Where a scan tells the position less well, edges are no matter of small shifts."""
 _FITS_AT_ALL = 0.5
 _FEW_BEAMS = 30
 _NEAR_BLUR_M = 0.05
-_REACH_RATIO, _REACH_M = 1.2, 1.0
 _NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
 
@@ -153,11 +151,10 @@ def match_beams(
     config = config or BeamConfig()
     is_near = near_information is not None or config.blurs_m[0] <= _NEAR_BLUR_M
     is_near = is_near and segment_map.is_exact
-    reach_m = laser.range_max_m * _REACH_RATIO + _REACH_M
+    reach_m = float(reach_of(laser.limits_m))
     walls = segment_map.seen_from(beams, T_map_base, reach_m) if is_near else segment_map
     match = _matched(beams, walls, laser, laser.noise_table, T_map_base, config, near_information)
-    moved = T_map_base.inverse() @ match.T_map_base
-    if is_near and not (math.hypot(moved.x, moved.y) < 0.08 and abs(moved.theta) < 0.02):
+    if is_near and not is_near_by(T_map_base, match.T_map_base):
         walls = segment_map
         match = _matched(beams, walls, laser, laser.noise_table, T_map_base, config)
     low, high = config.scales

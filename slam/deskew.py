@@ -48,6 +48,15 @@ class BodyMotion:
         astray = np.abs(acceleration - before_that) * (end_s - start_s) ** 2
         return BodyMotion(end_s, middle_s, velocity, acceleration, astray / 16.0)
 
+    def less_sure(self, information: FloatArray) -> FloatArray:
+        """(3, 3) information of a match, less what its scan's straightening may have missed."""
+        if not self.unsteadiness.any():
+            return information
+        variance = np.diag(self.unsteadiness**2)
+        # (R + D)^-1 for an R that may have no inverse
+        loosened = np.linalg.solve(np.eye(3) + information @ variance, information)
+        return np.asarray((loosened + loosened.T) / 2.0)
+
     def poses_at(self, times_s: FloatArray) -> FloatArray:
         """(N, 3) pose of the base at each time (N,) in the frame of the base at the stamp."""
         before_end_s = self.end_s - times_s

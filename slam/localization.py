@@ -108,10 +108,14 @@ class Localizer:
         else:
             match = self.matcher(beams.shortened(self._offset_m), T_predicted)  # steps 2 to 7
         self._last = measurement
-        nis = self._correct(self._loosened(match))
+        scale = self._match_scale
+        information = match.information
+        if information is not None and self._motion is not None:
+            information = self._motion.less_sure(information)
+        nis = self._correct(replace(match, information=information))
         fit = match.fit if match.is_matched else None
         # as it would be had the matches' covariances not been widened to fit
-        unscaled = None if nis is None else nis * self._match_scale
+        unscaled = None if nis is None else nis * scale
         self._monitor.take(unscaled, fit, self._filter.strain, self._offset_m)
         if self._monitor.has_offset:
             self._offset_m = self._monitor.offset_m
@@ -151,15 +155,6 @@ class Localizer:
         low, high = self.config.match_scales
         scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
         self._match_scale = min(max(scale, low), high)
-
-    def _loosened(self, match: ScanMatch) -> ScanMatch:
-        """The match, less sure by what its deskewing may have missed."""
-        if match.information is None or self._motion is None or not self._motion.unsteadiness.any():
-            return match
-        variance = np.diag(self._motion.unsteadiness**2)
-        # (R + D)^-1 for an R that may have no inverse
-        loosened = np.linalg.solve(np.eye(3) + match.information @ variance, match.information)
-        return replace(match, information=(loosened + loosened.T) / 2.0)
 
     def _duration_s(self, measurement: Measurement) -> float:
         """Time since the last measurement [s]; inf where stamps do not tell.

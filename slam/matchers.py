@@ -13,7 +13,7 @@ from slam.arrays import FloatArray
 from slam.beam_likelihood import BeamConfig, BeamMatch, match_beams
 from slam.beams import Beams
 from slam.icp import CoarseToFineConfig, IcpConfig, match_scan, match_scan_coarse_to_fine
-from slam.kernels.beam_likelihood import widest
+from slam.kernels.normal_equations import widest
 from slam.laser_model import LaserModel
 from slam.lines import LineConfig, LineMap, match_lines
 from slam.observability import held

@@ -55,7 +55,7 @@ def best_pose_open3d(source: FloatArray, target: FloatArray) -> SE2:
     matrix = _point_to_point().compute_transformation(
         _lifted_cloud(source), _lifted_cloud(target), open3d.utility.Vector2iVector(ids)
     )
-    return _planar(matrix)
+    return planar(matrix)
 
 
 def registration_icp(
@@ -84,11 +84,11 @@ def registration_icp(
             _lifted_cloud(points),
             _map_cloud(point_map),
             max_distance_m,
-            _spatial(T_map_base),
+            spatial(T_map_base),
             _point_to_point(),
             criteria,
         )
-    return _planar(result.transformation)
+    return planar(result.transformation)
 
 
 @cache
@@ -202,12 +202,14 @@ def _point_to_point() -> Any:
     return load_open3d().pipelines.registration.TransformationEstimationPointToPoint()
 
 
-def _spatial(pose: SE2) -> FloatArray:
+def spatial(pose: SE2) -> FloatArray:
+    """The homogeneous matrix (4, 4) of a pose in the plane z = 0."""
     matrix = np.eye(4)
     matrix[:2, :2] = pose.matrix()[:2, :2]
     matrix[:2, 3] = pose.x, pose.y
     return matrix
 
 
-def _planar(matrix: FloatArray) -> SE2:
+def planar(matrix: FloatArray) -> SE2:
+    """The pose in the plane of a homogeneous matrix (4, 4)."""
     return SE2(matrix[0, 3], matrix[1, 3], math.atan2(matrix[1, 0], matrix[0, 0]))

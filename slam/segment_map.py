@@ -76,7 +76,7 @@ class SegmentMap:
     def seen_from(self, beams: Beams, T_map_base: SE2, range_max_m: float) -> SegmentMap:
         """The map of those walls alone that the beams meet, or might from a pose near by.
 
-        Near by: within the margins of this module, 10 cm and a degree and a half.
+        Near by: see `is_near_by`.
         """
         if len(beams) < 2:
             return self
@@ -104,3 +104,11 @@ class SegmentMap:
             walls,
         )  # fmt: skip
         return ranges_m, walls
+
+
+def is_near_by(T_from: SE2, T_to: SE2) -> bool:
+    """Whether the walls `seen_from` one pose are those that another may see: four fifths of the
+    margins, since neither distance nor turn is what moves the view alone."""
+    moved = T_from.inverse() @ T_to
+    is_beside = math.hypot(moved.x, moved.y) <= 0.8 * _MARGIN_M
+    return is_beside and abs(moved.theta) <= 0.8 * _MARGIN_RAD

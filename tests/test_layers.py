@@ -38,7 +38,7 @@ RANKS = (
     | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
     | {"surfels", "map_files"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew"}
-    | {"open3d_backend", "lines", "line_extraction", "observability"},
+    | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"},
     {"relocalization", "lost", "loop_closing", "fusion", "consistency", "matchers", "calibration"},
     {"localization", "mapping"},
 )

@@ -13,7 +13,6 @@ from slam.laser_model import LaserModel
 from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
 from slam.measurements import LaserScan
 from slam.point_map import PointMap
-from slam.range_noise import RangeNoise
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
@@ -28,13 +27,12 @@ T_map_base. A row may use either form of the scan, whichever serves it."""
 class KnownMap:
     """What every row is told beforehand.
 
-    points: (K, 2) [m]. segments: (S, 2, 2) [m], the same surfaces. range_noise: the data sheet's,
-    None where it is switched off. laser_model: what is assumed of the laser.
+    points: (K, 2) [m]. segments: (S, 2, 2) [m], the same surfaces. laser_model: what
+    is assumed of the laser.
     """
 
     points: FloatArray
     segments: FloatArray
-    range_noise: RangeNoise | None
     T_base_laser: SE2
     laser_model: LaserModel
 
@@ -119,7 +117,7 @@ OURS: tuple[Registration, ...] = (
         "kitasap open3d, coarse to fine",
         "five start headings, three distances, two layers, weights, verdict",
         lambda known: Open3dMatcher(
-            PointMap(known.points, _SPACING_M), range_noise=known.range_noise
+            PointMap(known.points, _SPACING_M), range_noise=known.laser_model.noise
         ),
     ),
     MatcherRow(

@@ -11,7 +11,6 @@ from kitasap_sim.places import Place, PlaceMap
 from kitasap_sim.simulation import Simulation
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan
-from slam.range_noise import RangeNoise
 from slam.se2 import SE2
 
 MAP_POINTS = 10_000
@@ -61,7 +60,6 @@ def drawn(place: Place, spec: LaserSpec | str, trials: int, seed: int) -> Regist
     known = KnownMap(
         points=place_map.points_m(spacing_m),
         segments=place_map.segments_m,
-        range_noise=RangeNoise(spec.sigma_at_m) if spec.sigma_at_m else None,
         T_base_laser=T_base_laser,
         laser_model=assumed_laser(spec.name),
     )

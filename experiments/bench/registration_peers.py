@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from experiments.bench.registration import KnownMap, Register, Registration
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan
-from slam.open3d_backend import load_open3d
+from slam.open3d_backend import load_open3d, planar, spatial
 from slam.se2 import SE2
 
 MAX_PAIR_DISTANCE_M = 0.1
@@ -67,11 +67,11 @@ class Open3dLegacy:
         )
 
         def register(points_base: FloatArray, scan: LaserScan, T_start: SE2) -> SE2:
-            source, start = cloud(_flat(points_base)), _spatial(T_start)
+            source, start = cloud(_flat(points_base)), spatial(T_start)
             result = registration.registration_icp(
                 source, target, MAX_PAIR_DISTANCE_M, start, estimation, criteria
             )
-            return _planar(result.transformation)
+            return planar(result.transformation)
 
         return register
 
@@ -94,11 +94,11 @@ class Open3dTensor:
 
         def register(points_base: FloatArray, scan: LaserScan, T_start: SE2) -> SE2:
             source = open3d.t.geometry.PointCloud(tensor(_flat(points_base)))
-            start = tensor(_spatial(T_start))
+            start = tensor(spatial(T_start))
             result = registration.icp(
                 source, target, MAX_PAIR_DISTANCE_M, start, estimation, criteria
             )
-            return _planar(result.transformation.numpy())
+            return planar(result.transformation.numpy())
 
         return register
 
@@ -174,14 +174,14 @@ class SmallGicp:
                 target,
                 source,
                 tree,
-                _spatial(T_start),
+                spatial(T_start),
                 registration_type=self.kind,
                 max_correspondence_distance=MAX_PAIR_DISTANCE_M,
                 num_threads=1,
                 max_iterations=self.max_iterations,
                 **epsilons,
             )
-            return _planar(result.T_target_source)
+            return planar(result.T_target_source)
 
         return register
 
@@ -216,12 +216,12 @@ class KissIcp:
             matrix = aligner.align_points_to_map(
                 points=_flat(points_base),
                 voxel_map=voxel_map,
-                initial_guess=_spatial(T_start),
+                initial_guess=spatial(T_start),
                 # the pipeline's own ratio: pairs reach three times the kernel's width
                 max_correspondance_distance=MAX_PAIR_DISTANCE_M,
                 kernel=MAX_PAIR_DISTANCE_M / 3.0,
             )
-            return _planar(matrix)
+            return planar(matrix)
 
         return register
 
@@ -278,14 +278,3 @@ def _best_motion(source: FloatArray, target: FloatArray) -> SE2:
     turn = SE2(0.0, 0.0, math.atan2(xy - yx, xx + yy))
     ((x, y),) = target_mean - turn @ source_mean[np.newaxis]
     return SE2(x, y, turn.theta)
-
-
-def _spatial(pose: SE2) -> FloatArray:
-    matrix = np.eye(4)
-    matrix[:2, :2] = pose.matrix()[:2, :2]
-    matrix[:2, 3] = pose.x, pose.y
-    return matrix
-
-
-def _planar(matrix: FloatArray) -> SE2:
-    return SE2(matrix[0, 3], matrix[1, 3], math.atan2(matrix[1, 0], matrix[0, 0]))

@@ -8,6 +8,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
+from slam.kernels.normal_equations import covariance_into, moved
 from slam.kernels.ray_casting import cast_fan
 
 # What `sums` holds: beams that tell; those that fit; those that ended behind the wall, or short of
@@ -22,9 +23,6 @@ _INLIER = 16.0
 _LIMIT_SIGMAS = 3.0
 _MIN_COSINE = 0.02
 """Chosen: a degree; flatter beams give no return on real walls."""
-_DAMPING = 1e-4
-"""Chosen: along a direction of which the scan knows less than a hundredth of what it knows across
-(in standard deviations), a step is no correction but noise made large."""
 _ROOT_TWO_PI = 2.5066282746310002
 _NO_OFFSET = 1e-3
 _LEAST_JUMP_M = 0.02
@@ -172,43 +170,6 @@ def look(
 
 
 @compiled
-def solved(information: FloatArray, pull: FloatArray, out: FloatArray) -> None:
-    """The Gauss-Newton step: information \\ pull, with directions that nothing fixes left alone."""
-    held = _DAMPING * (information[0, 0] + information[1, 1]) + 1e-9
-    a = information[0, 0] + held
-    b = information[0, 1]
-    c = information[0, 2]
-    d = information[1, 1] + held
-    e = information[1, 2]
-    f = information[2, 2] * (1.0 + _DAMPING) + 1e-9
-    aa, bb, cc = d * f - e * e, c * e - b * f, b * e - c * d
-    determinant = a * aa + b * bb + c * cc
-    dd, ee, ff = a * f - c * c, b * c - a * e, a * d - b * b
-    if not determinant > 0.0:
-        out[:] = 0.0
-        return
-    out[0] = (aa * pull[0] + bb * pull[1] + cc * pull[2]) / determinant
-    out[1] = (bb * pull[0] + dd * pull[1] + ee * pull[2]) / determinant
-    out[2] = (cc * pull[0] + ee * pull[1] + ff * pull[2]) / determinant
-
-
-@compiled
-def moved(pose: FloatArray, step: FloatArray) -> None:
-    """The pose moved by a twist in its own frame, in place: pose @ exp(step)."""
-    omega = step[2]
-    if abs(omega) < 1e-4:
-        sine, cosine = 1.0 - omega * omega / 6.0, omega / 2.0
-    else:
-        sine, cosine = math.sin(omega) / omega, (1.0 - math.cos(omega)) / omega
-    dx = sine * step[0] - cosine * step[1]
-    dy = cosine * step[0] + sine * step[1]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    pose[0] += c * dx - s * dy
-    pose[1] += s * dx + c * dy
-    pose[2] += omega
-
-
-@compiled
 def keep_smooth(
     vertices: FloatArray,
     walls: IntArray,
@@ -274,12 +235,6 @@ def keep_smooth(
 
 
 @compiled
-def inverted(information: FloatArray) -> FloatArray:
-    """(3, 3) inverse of an information matrix; directions without information get a metre, a radian."""
-    return np.linalg.inv(information + np.eye(3))  # type: ignore[return-value]
-
-
-@compiled
 def residual_scale(
     noise: FloatArray, measured: FloatArray, predicted: FloatArray, is_kept: BoolArray
 ) -> float:
@@ -295,43 +250,6 @@ def residual_scale(
     if count == 0:
         return 1.0
     return float(np.median(magnitudes[:count])) / 0.6744897501960817
-
-
-@compiled
-def covariance_into(information: FloatArray, out: FloatArray) -> bool:
-    """The inverse (3, 3) of an information matrix; False, and inf on the diagonal, if it has none."""
-    scale = np.empty(3)
-    for j in range(3):
-        scale[j] = 1.0 / math.sqrt(max(information[j, j], 1e-300))
-    b = information[0, 1] * scale[0] * scale[1]
-    c = information[0, 2] * scale[0] * scale[2]
-    e = information[1, 2] * scale[1] * scale[2]
-    # of a correlation matrix: 1 without correlation, 0 where it is singular
-    determinant = 1.0 - e * e - b * (b - c * e) + c * (b * e - c)
-    has_all = min(information[0, 0], information[1, 1], information[2, 2]) > 1e-200
-    if not (has_all and determinant > 1e-12):
-        out[:] = 0.0
-        out[0, 0] = out[1, 1] = out[2, 2] = np.inf
-        return False
-    out[0, 0], out[1, 1], out[2, 2] = 1.0 - e * e, 1.0 - c * c, 1.0 - b * b
-    out[0, 1] = out[1, 0] = c * e - b
-    out[0, 2] = out[2, 0] = b * e - c
-    out[1, 2] = out[2, 1] = b * c - e
-    for j in range(3):
-        for k in range(3):
-            out[j, k] *= scale[j] * scale[k] / determinant
-    return True
-
-
-@compiled
-def widest(information: FloatArray) -> tuple[float, float]:
-    """Largest standard deviation of the position along any direction, and that of the heading."""
-    covariance = np.empty((3, 3))
-    if not covariance_into(information, covariance):
-        return np.inf, np.inf
-    a, b, d = covariance[0, 0], covariance[0, 1], covariance[1, 1]
-    largest = 0.5 * (a + d) + math.sqrt(0.25 * (a - d) ** 2 + b * b)
-    return math.sqrt(largest), math.sqrt(covariance[2, 2])
 
 
 @compiled
@@ -369,5 +287,5 @@ def free_offset(
     for j in range(3):
         for k in range(3):
             covariance[j, k] += response[j] * response[k] * variance
-    information[:] = np.linalg.inv(covariance)
+    covariance_into(covariance.copy(), information)  # the inverse of the inverse
     return offset, deviation

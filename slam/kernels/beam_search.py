@@ -8,12 +8,11 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
-from slam.kernels.beam_likelihood import inverted, keep_smooth, look, moved, solved
+from slam.kernels.beam_likelihood import keep_smooth, look
 from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
+from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
 
-_REACH_RATIO, _REACH_M = 1.2, 1.0
-"""Beams are followed this much farther than the laser measures: what lies just beyond counts too."""
 _BLUR_OF_POSTERIOR = 0.5
 """Chosen: half the standard deviation reached. Without it one beam that touches a round leg claims
 micrometres; with all of it, grazing beams that do tell are lost (a twentieth of the accuracy)."""
@@ -23,6 +22,12 @@ _EARLY_TOLERANCE = 0.5
 _PATIENCE = 4
 _SHORT_STEP = 1.0
 """Chosen, in standard deviations: the next stage takes up what an early one leaves."""
+
+
+@compiled
+def reach_of(limits: FloatArray) -> float:
+    """How far beams are followed [m]: farther than the laser measures, what lies beyond counts too."""
+    return 1.2 * limits[1] + 1.0
 
 
 @compiled
@@ -61,7 +66,7 @@ def climb(
     tolerance be reached, but the last step was shorter than a standard deviation.
     """
     step, length = np.empty(3), np.inf
-    reach = limits[1] * _REACH_RATIO + _REACH_M
+    reach = reach_of(limits)
     for taken in range(max_steps):
         to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
         cast_fan(
@@ -184,7 +189,7 @@ def sharpen(
     count = angles.shape[0]
     vertices, bearings = np.empty_like(map_vertices), np.empty_like(map_vertices)
     pull, step = np.empty(3), np.empty(3)
-    reach = limits[1] * _REACH_RATIO + _REACH_M
+    reach = reach_of(limits)
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     keep_smooth(
         vertices, walls, origins, directions, angles, middle, spread, reach, noise,

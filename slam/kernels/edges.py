@@ -12,7 +12,8 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
-from slam.kernels.beam_likelihood import covariance_into, inverted, sigma_at
+from slam.kernels.beam_likelihood import sigma_at
+from slam.kernels.normal_equations import covariance_into, inverted
 
 _ABSENT = 0.05
 """Chosen: one thing in twenty on the map has been moved since; then the beam sees what is behind."""

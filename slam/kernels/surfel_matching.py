@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from slam.arrays import FloatArray
 from slam.kernels import compiled, compiled_vectorised
-from slam.kernels.beam_likelihood import moved, sigma_at, solved
+from slam.kernels.beam_likelihood import sigma_at
+from slam.kernels.normal_equations import moved, solved
 
 _FLATTEST = 0.3**2
 """Floor of a point's squared incidence in its weight: what grazes a wall is often another wall's."""

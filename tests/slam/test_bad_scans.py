@@ -28,22 +28,6 @@ RANGES_M = st.one_of(
 )
 
 
-SINGULAR = "kernels.edges.propagate inverts a singular information: LinAlgError out of update()"
-ZEROS = "all points in one spot: paper is DEGENERATE a metre away, and the Localizer goes there"
-OVERFLOW = "cKDTree refuses points of 1e300 m: ValueError out of update()"
-
-
-def with_broken(names, values, broken: dict):
-    """All combinations, the broken ones marked."""
-    return [
-        pytest.param(name, value, marks=pytest.mark.xfail(strict=True, reason=broken[name, value]))
-        if (name, value) in broken
-        else (name, value)
-        for name in names
-        for value in values
-    ]
-
-
 def fan(count: int) -> np.ndarray:
     return np.linspace(-2.1, 2.1, count)
 
@@ -111,14 +95,8 @@ def test_good_scan_with_bad_beams_gives_no_sure_wrong_pose(name, wrong, seed):
         assert_sane(estimate, at, name)
 
 
-@pytest.mark.parametrize(
-    ("name", "reach_m"),
-    with_broken(
-        METHODS,
-        [0.3, 3.0, 10.0, 100.0],
-        {},
-    ),
-)
+@pytest.mark.parametrize("reach_m", [0.3, 3.0, 10.0, 100.0])
+@pytest.mark.parametrize("name", METHODS)
 def test_random_ranges_match_nothing(name, reach_m):
     rng = np.random.default_rng(0)
     scans = [
@@ -129,14 +107,8 @@ def test_random_ranges_match_nothing(name, reach_m):
         assert_sane(estimate, true, name)
 
 
-@pytest.mark.parametrize(
-    ("name", "value_m"),
-    with_broken(
-        METHODS,
-        [math.nan, math.inf, -math.inf, 0.0, 1e-9, 2.0, 1e6, 1e300],
-        {},
-    ),
-)
+@pytest.mark.parametrize("value_m", [math.nan, math.inf, -math.inf, 0.0, 1e-9, 2.0, 1e6, 1e300])
+@pytest.mark.parametrize("name", METHODS)
 def test_same_range_everywhere_matches_nothing(name, value_m):
     scan = LaserScan(0.0, ANGLES_RAD, np.full(len(ANGLES_RAD), value_m))
     ((estimate, true),) = after(name, [scan])

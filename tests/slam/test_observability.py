@@ -52,14 +52,7 @@ def followed(name, matcher, segments, true, off, mount=LASER, count=5):
 
 
 BLIND = ["paper", "open3d", "fast", "limit"]
-SINGULAR = "limit raises LinAlgError: kernels.edges.propagate inverts a singular information"
-SLIDES = "solved() slides a metre along the corridor, which turns into a shift across it: NIS 5000"
 FACETS = "240 degrees of a circle: the share of the heading is 2e-4 to 4.4e-4, held() wants 4e-4"
-CELLS = "cells of 2 cm make facets of a round wall: a heading that nobody can know is claimed"
-
-
-def broken(reason: str, *values: object):
-    return pytest.param(*values, marks=pytest.mark.xfail(strict=True, reason=reason))
 
 
 @pytest.mark.parametrize(
@@ -103,8 +96,9 @@ def test_single_wall_is_never_matched_and_holds_what_it_can(name, of_wall):
 @pytest.mark.parametrize(
     "name",
     [
-        broken(FACETS, "paper"),
-        broken(FACETS, "open3d"),
+        # known: what `held` looks at cannot tell half a view of a circle from a faint hold
+        pytest.param("paper", marks=pytest.mark.xfail(strict=True, reason=FACETS)),
+        pytest.param("open3d", marks=pytest.mark.xfail(strict=True, reason=FACETS)),
         "fast",
         "limit",
     ],
