@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -17,6 +18,7 @@ _LEAST_SHARE = 0.0004
 """Chosen: the least of 600 scans of two real buildings that found their pose was 0.0005; corridors
 in which scans slid have none."""
 _MOST_POINTS = 200
+_SQRT2 = math.sqrt(2.0)
 _LEAST_EXTENT_M = 0.1
 """Chosen: a scan that all lies in one spot, as of a blocked laser, is a scan of nothing."""
 
@@ -38,8 +40,15 @@ def held(
     lever_m = math.sqrt(float(np.mean(np.sum((points - centre) ** 2, axis=1))))
     if lever_m < _LEAST_EXTENT_M:
         return T_predicted, True
-    shares, directions = np.linalg.eigh(_curvature(T_map_base @ points, lever_m, point_map))
-    is_open = shares < _LEAST_SHARE
+    rise = _rise_of(T_map_base @ points, lever_m, point_map)
+    shares, directions = np.linalg.eigh(_curvature(rise))
+    # round walls bend the form over so wide a shift: what it takes for open is looked at itself
+    is_open = np.array(
+        [
+            share < _LEAST_SHARE and rise(direction) < _LEAST_SHARE
+            for share, direction in zip(shares, directions.T, strict=True)
+        ]
+    )
     if not is_open.any():
         return T_map_base, False
     centre_predicted = (T_predicted @ centre[np.newaxis])[0]
@@ -54,9 +63,12 @@ def held(
     return SE2(x, y, turned.theta), True
 
 
-def _curvature(points_map: FloatArray, lever_m: float, point_map: PointMap) -> FloatArray:
-    """(3, 3) of the mean squared distance, by x, y, and turns about the middle times the lever; 1
-    where every point lies on a wall across."""
+Rise = Callable[[FloatArray], float]
+"""From a unit direction (x, y, turn about the middle times the lever) to the curvature along it."""
+
+
+def _rise_of(points_map: FloatArray, lever_m: float, point_map: PointMap) -> Rise:
+    """How the mean squared distance rises by shifts to either side; 1: all on a wall across."""
     middle, here_m2 = points_map.mean(axis=0), _mean_squared_m2(points_map, point_map)
 
     def rise(direction: FloatArray) -> float:
@@ -67,10 +79,15 @@ def _curvature(points_map: FloatArray, lever_m: float, point_map: PointMap) -> F
             there_m2 += _mean_squared_m2(middle + motion @ (points_map - middle), point_map) / 2.0
         return (there_m2 - here_m2) / _SHIFT_M**2
 
+    return rise
+
+
+def _curvature(rise: Rise) -> FloatArray:
+    """(3, 3) the quadratic form that rises so along the axes and between them."""
     form = np.diag([rise(axis) for axis in np.eye(3)])
     for j, k in itertools.combinations(range(3), 2):
-        diagonal = (np.eye(3)[j] + np.eye(3)[k]) / math.sqrt(2.0)
-        form[j, k] = form[k, j] = rise(diagonal) - (form[j, j] + form[k, k]) / 2.0
+        along, across = np.eye(3)[j] + np.eye(3)[k], np.eye(3)[j] - np.eye(3)[k]
+        form[j, k] = form[k, j] = (rise(along / _SQRT2) - rise(across / _SQRT2)) / 2.0
     return form
 
 

@@ -54,6 +54,14 @@ def test_hard_starts_are_hard(place, pose, offset):
     assert match.status is MatchStatus.MATCHED
 
 
+def test_round_walls_at_one_side_leave_no_direction_open():
+    # the curvature's form, sampled to one side of each diagonal only, once bent below zero here
+    config = TrialConfig(poses="random", place="round_room", methods=("open3d",))
+    outcome = run_trial(config, generator("localization", 0, 40)).outcomes["open3d"]
+    assert outcome.match.status is MatchStatus.MATCHED
+    assert outcome.is_success
+
+
 def test_round_room_has_no_lines_and_open3d_needs_none():
     config = TrialConfig(poses="random", place="round_room", methods=("line", "open3d"))
     for index in range(3):
