@@ -1,10 +1,14 @@
-"""Which parts of a plane can be reached without crossing a wall: grids and flood filling."""
+"""Which parts of a plane can be reached without crossing a wall: grids, flood filling, outlines."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from kitasap_sim.geometry import points_on
+
+_ASIDE_M = 1e-5
+"""Far above rounding, far below the thinnest sheet."""
 
 
 @dataclass(frozen=True)
@@ -105,3 +109,74 @@ def largest_room(is_open: np.ndarray) -> np.ndarray:
         if key > best_key:
             best, best_key = part, key
     return best
+
+
+def bared(outlines: Sequence[np.ndarray], covers: Sequence[bool]) -> np.ndarray:
+    """(T, 2, 2) what of the outlines (S, 2, 2) of solids lies within no other of them, cut exactly.
+
+    Each outline with the open side on its left. covers: whether a solid hides what is within it.
+    Boxes that make a round wall run into each other: their ends inside it are no surface, but stand
+    across it and would draw the points near it.
+    """
+    hides = np.array([bool(covers[i]) for i, outline in enumerate(outlines) if len(outline)])
+    outlines = [outline for outline in outlines if len(outline)]
+    corners = [(outline.min(axis=(0, 1)), outline.max(axis=(0, 1))) for outline in outlines]
+    lower, upper = np.array(corners).reshape(-1, 2, 2).transpose(1, 0, 2)
+    lower, upper = lower - _ASIDE_M, upper + _ASIDE_M
+    pieces = [np.empty((0, 2, 2))]
+    for i, outline in enumerate(outlines):
+        is_near = hides & ((lower <= upper[i]) & (upper >= lower[i])).all(axis=1)
+        is_near[i] = False
+        if is_near.any():
+            near = np.concatenate([outlines[j] for j in np.flatnonzero(is_near)])
+            outline = np.concatenate([_cut_by(segment, near) for segment in outline])
+            outline = outline[~_is_covered(outline, near)]
+        pieces.append(outline)
+    return np.concatenate(pieces)
+
+
+def _cut_by(segment: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(P, 2, 2) a segment (2, 2) in pieces, cut where others (S, 2, 2) cross it."""
+    along, across = segment[1] - segment[0], others[:, 1] - others[:, 0]
+    length_m = np.hypot(*along)
+    if length_m == 0.0:
+        return np.empty((0, 2, 2))
+    way = others[:, 0] - segment[0]
+    determinant = along[0] * across[:, 1] - along[1] * across[:, 0]
+    is_parallel = np.abs(determinant) < 1e-9 * length_m * np.hypot(*across.T)
+    safe = np.where(is_parallel, 1.0, determinant)
+    share = (way[:, 0] * across[:, 1] - way[:, 1] * across[:, 0]) / safe
+    at_other = (way[:, 0] * along[1] - way[:, 1] * along[0]) / safe
+    # a little beyond its ends: a corner of the other that lies on the segment cuts it as well
+    is_cut = ~is_parallel & (np.abs(at_other - 0.5) <= 0.5 + 1e-9)
+    # what runs along it begins and ends on it
+    ends = (others[is_parallel].reshape(-1, 2) - segment[0]) @ along / length_m**2
+    cuts = np.concatenate([[0.0, 1.0], share[is_cut], ends])
+    cuts = np.unique(cuts[(cuts >= 0.0) & (cuts <= 1.0)])
+    cuts = cuts[np.concatenate([[True], np.diff(cuts) * length_m > 1e-9])]
+    cuts[-1] = 1.0
+    points = segment[0] + cuts[:, None] * along
+    points[-1] = segment[1]
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def _is_covered(segments: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """(S,) whether the left side of segments (S, 2, 2) lies within outlines, (O, 2, 2) in all.
+
+    By winding numbers: solids that overlap add up, and both directions of a sheet cancel.
+    """
+    along = segments[:, 1] - segments[:, 0]
+    lengths_m = np.maximum(np.hypot(*along.T), 1e-12)
+    aside = np.stack([-along[:, 1], along[:, 0]], axis=1) / lengths_m[:, None]
+    points = segments.mean(axis=1) + _ASIDE_M * aside
+    (ax, ay), (bx, by) = others[:, 0].T, others[:, 1].T
+    slope = np.divide(bx - ax, by - ay, where=ay != by, out=np.zeros_like(ax))
+    is_covered = np.zeros(len(points), dtype=bool)
+    for k in range(0, len(points), 256):  # in parts: a mesh may have thousands of segments
+        x, y = points[k : k + 256, 0, None], points[k : k + 256, 1, None]
+        turn = (by > y).astype(int) - (ay > y)
+        is_right = x < ax + (y - ay) * slope
+        right, left = (turn * is_right).sum(axis=1), (turn * ~is_right).sum(axis=1)
+        # a seam within a mesh is crossed to one side alone
+        is_covered[k : k + 256] = (right != 0) & (left != 0)
+    return is_covered

@@ -12,13 +12,23 @@ import numpy as np
 
 from kitasap_sim import furniture, names
 from kitasap_sim.facing import facing_out
-from kitasap_sim.free_space import Grid, flooded, largest_room, steps_to, way_down, widened
+from kitasap_sim.free_space import (
+    Grid,
+    bared,
+    flooded,
+    largest_room,
+    steps_to,
+    way_down,
+    widened,
+)
 from kitasap_sim.geometry import cuts_between, points_on, slice_at, static_triangles, visible_runs
 from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
 
 _FOLDER = files("models") / "places"
 _MAP_CELL_M = 0.005
 _FREE_CELL_M = 0.025
+_TREMBLE_M = 0.001
+"""Chosen: beams leave their plane by micrometres at rest, by tenths of a millimetre on a drive."""
 _MAX_CELLS_ALONG = 3000
 """A large place gets coarser cells rather than gigabytes of them."""
 
@@ -191,7 +201,13 @@ class Place:
         The backs of walls and what lies inside other solids are left out: no beam gets there.
         """
         outlines = [facing_out(slice_at(solid, height_m)) for solid in self._seen]
-        segments = np.concatenate([np.empty((0, 2, 2)), *outlines])
+        # beams that tremble pass under a solid that ends at their very height
+        covers = [
+            solid[:, :, 2].min() < height_m - _TREMBLE_M
+            and solid[:, :, 2].max() > height_m + _TREMBLE_M
+            for solid in self._seen
+        ]
+        segments = bared(outlines, covers)
         if not len(segments):
             raise ValueError(f"place {self.name} has nothing to see at {height_m} m height")
         bounds_m = np.array([segments.min(axis=(0, 1)), segments.max(axis=(0, 1))])
@@ -268,13 +284,19 @@ class Place:
         clearance_cells = KITASAP2.radius_m / self._grid.cell_m + 1.0
         is_open = ~widened(self._blocked, clearance_cells)
         free = flooded(is_open, self._grid.cells(self.start[None, :2]))
-        if not free.any():
-            x, y, _ = self.start
+        if free.any():
+            return free
+        if self._start_site is None:
             raise ValueError(
-                f"place {self.name}: its start ({x:.2f}, {y:.2f}) has less than "
-                f"{KITASAP2.radius_m} m of room around it"
+                f"place {self.name} has no site '{names.START}', and no spot was found within its"
+                f" walls with {KITASAP2.radius_m} m of room around it: add the site (are the walls"
+                " closed?)"
             )
-        return free
+        x, y, _ = self._start_site
+        raise ValueError(
+            f"place {self.name}: its start ({x:.2f}, {y:.2f}) has less than "
+            f"{KITASAP2.radius_m} m of room around it"
+        )
 
     def _roomiest_spot(self) -> np.ndarray:
         """(2,) the spot of the largest room that is farthest from its walls [m]."""

@@ -1,5 +1,6 @@
 from itertools import pairwise
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -15,6 +16,18 @@ FLOOR_AND_WALLS = """
     <geom type="box" size="1.1 0.05 0.5" pos="1 2.05 0.5"/>
     <geom type="box" size="0.05 1.1 0.5" pos="-0.05 1 0.5"/>
     <geom type="box" size="0.05 1.1 0.5" pos="2.05 1 0.5"/>
+    {more}
+  </worldbody>
+</mujoco>
+"""
+
+OPEN_CORNER = """
+<mujoco>
+  <worldbody>
+    <geom type="box" size="1.1 0.05 0.5" pos="1 -0.05 0.5"/>
+    <geom type="box" size="1.1 0.05 0.5" pos="1 2.05 0.5"/>
+    <geom type="box" size="0.05 1.1 0.5" pos="-0.05 1 0.5"/>
+    <geom type="box" size="0.05 0.5 0.5" pos="2.05 0.5 0.5"/>
     {more}
   </worldbody>
 </mujoco>
@@ -57,6 +70,47 @@ def test_the_map_of_a_room_is_its_inner_faces_alone(box_room):
     # outline and pillar, a point for each centimetre at least; no table, shelf or glass
     wanted = (14 + 0.4 * np.pi) / 0.01
     assert wanted <= len(points) < 1.15 * wanted
+
+
+def test_what_lies_within_other_solids_is_not_on_the_map(place_file):
+    # a wall of two boxes that run into each other, one of them turned, and a post at their joint
+    more = """
+    <geom type="box" size="0.3 0.05 0.5" pos="0.75 1 0.5"/>
+    <geom type="box" size="0.3 0.05 0.5" pos="1.25 1 0.5" euler="0 0 10"/>
+    <geom type="cylinder" size="0.02 0.5" pos="1 1 0.5"/>
+    """
+    segments_m = (
+        Place(place_file(FLOOR_AND_WALLS.format(floor="", more=more))).map_at(0.10).segments_m
+    )
+    middles = segments_m.mean(axis=1)
+    off = middles - [1.25, 1.0]
+    turn = np.radians(10.0)
+    turned = off @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    for inside in (
+        (np.abs(middles - [0.75, 1.0]) < [0.3 - 1e-6, 0.05 - 1e-6]).all(axis=1),
+        (np.abs(turned) < [0.3 - 1e-6, 0.05 - 1e-6]).all(axis=1),
+        np.hypot(*(middles - 1.0).T) < 0.02 - 1e-4,
+    ):
+        assert not inside.any()
+    # what is left is closed: each piece begins where another ends, to the micrometre
+    firsts, lasts = (np.unique(np.round(segments_m[:, k], 6), axis=0) for k in range(2))
+    assert np.array_equal(firsts, lasts)
+
+
+def test_no_wall_of_the_round_room_stands_within_another():
+    # the ends of its boxes once did, and drew the points near them: NEES 15 instead of 3
+    place = Place("round_room")
+    segments_m = place.map_at(0.10).segments_m
+    along = segments_m[:, 1] - segments_m[:, 0]
+    aside = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+    data = mujoco.MjData(place.model)
+    mujoco.mj_forward(place.model, data)
+    geom = np.zeros(1, dtype=np.int32)
+    for x, y in segments_m.mean(axis=1) + 1e-4 * aside:
+        # from within a wall a ray meets its top, 0.8 m high; in the open nothing, or a seat
+        at, up = np.array([x, y, 0.10]), np.array([0.0, 0.0, 1.0])
+        above_m = mujoco.mj_ray(place.model, data, at, up, None, 1, -1, geom, None)
+        assert above_m != pytest.approx(0.7, abs=0.01)
 
 
 def test_the_map_changes_with_the_height_of_the_laser(box_room):
@@ -139,6 +193,12 @@ def test_a_users_place_is_loaded_by_path_and_its_errors_take_one_line(place_file
     blocked = FLOOR_AND_WALLS.format(floor="", more='<site name="start" pos="0.1 1 0"/>')
     with pytest.raises(ValueError, match=r"start .* room around it"):
         _ = Place(place_file(blocked)).free_centres_m
+    gap = OPEN_CORNER.format(more="")
+    with pytest.raises(ValueError, match=r"no site 'start'.*add the site") as caught:
+        _ = Place(place_file(gap)).free_centres_m
+    assert "\n" not in str(caught.value)
+    helped = OPEN_CORNER.format(more='<site name="start" pos="1 1 0"/>')
+    assert Place(place_file(helped)).is_free(np.array([1.0, 1.0]))[0]
     assert not list(tmp_path.iterdir())
 
 
