@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray, frozen_array
+from slam.odometry import DifferentialDrive, OdometryNoise
 from slam.se2 import SE2
+
+_LONGEST_SWEEP_S = 10.0
+"""Chosen: no laser takes as long; a beam time farther off its stamp is no time."""
+_ASSUMED_DRIVE = DifferentialDrive((0.5 / math.pi, 0.5 / math.pi), track_m=0.3, ticks_per_turn=1.0)
+"""Where only a motion is known: the track of which `OdometryNoise` speaks; its ticks are metres."""
+_ROUNDING = 1e-9
+"""Chosen: what sums of covariances leave of their largest entry."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +26,9 @@ class LaserScan:
 
     time_s: the stamp of the sweep. angles_rad: (N,) increasing, laser frame, the only truth about
     beam directions. ranges_m: (N,); +inf no return, -inf too close (REP-117), nan invalid.
-    beam_times_s: (N,) instant at which each beam fired, or None where it is not known.
+    beam_times_s: (N,) instant at which each beam fired, or None where it is not known. Of a beam whose
+    time is not finite or 10 s off the stamp, nothing is known: its range becomes nan, its time one
+    between its neighbours'. If no beam has a time, they count as not known.
     Raises ValueError on other shapes, angles that do not increase, or a negative finite range.
     """
 
@@ -42,6 +52,22 @@ class LaserScan:
         if self.beam_times_s is not None:
             beam_times_s = frozen_array(self.beam_times_s, angles_rad.shape, "beam_times_s")
             object.__setattr__(self, "beam_times_s", beam_times_s)
+            self._mend_times(beam_times_s)
+
+    def _mend_times(self, beam_times_s: FloatArray) -> None:
+        """Makes beams without a time such of which nothing is known."""
+        # also False where it is nan
+        has_time = np.abs(beam_times_s - self.time_s) <= _LONGEST_SWEEP_S
+        if has_time.all():
+            return
+        if not has_time.any():
+            object.__setattr__(self, "beam_times_s", None)
+            return
+        beams = np.arange(len(has_time))
+        times_s = np.interp(beams, beams[has_time], beam_times_s[has_time])
+        ranges_m = np.where(has_time, self.ranges_m, np.nan)
+        object.__setattr__(self, "ranges_m", frozen_array(ranges_m, (None,), "ranges_m"))
+        object.__setattr__(self, "beam_times_s", frozen_array(times_s, (None,), "beam_times_s"))
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:
@@ -69,15 +95,49 @@ class Measurement:
 
     motion: from the base frame at the last measurement to the base frame at this one.
     motion_covariance: (3, 3) of the tangent (x [m], y [m], theta [rad]) in the robot's frame at the
-    END of the motion: true motion = motion @ SE2.exp(noise).
-    Raises ValueError on another shape of the covariance.
+    END of the motion: true motion = motion @ SE2.exp(noise). If not given, what `OdometryNoise` says
+    by default of two wheels 0.3 m apart that went this way; while they stand, 0.1 mm and 0.1 mrad.
+    Raises ValueError if time or motion are not finite, or if the covariance is none: finite (3, 3),
+    symmetric, without negative eigenvalue.
     """
 
     time_s: float
     motion: SE2
     scan: LaserScan
-    motion_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    # None is what may be given; once created, the array is always there
+    motion_covariance: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        covariance = frozen_array(self.motion_covariance, (3, 3), "motion_covariance")
+        if not math.isfinite(self.time_s):
+            raise ValueError(f"time_s must be finite, not {self.time_s}")
+        if not np.isfinite(self.motion.as_array()).all():
+            raise ValueError(f"motion must be finite, not {self.motion}")
+        if self.motion_covariance is None:
+            covariance = _assumed_covariance(self.motion)
+        else:
+            covariance = self.motion_covariance
+        covariance = frozen_array(covariance, (3, 3), "motion_covariance")
+        _check_covariance(covariance)
         object.__setattr__(self, "motion_covariance", covariance)
+
+
+def _assumed_covariance(motion: SE2) -> FloatArray:
+    """(3, 3) of a motion by wheels of which nothing is known."""
+    x, y, turn_rad = motion.log()
+    way_m, half_m = math.copysign(math.hypot(x, y), x), turn_rad * _ASSUMED_DRIVE.track_m / 2.0
+    return OdometryNoise().covariance(_ASSUMED_DRIVE, [way_m - half_m, way_m + half_m])
+
+
+def _check_covariance(covariance: FloatArray) -> None:
+    """Raises ValueError, in one line, unless a matrix (3, 3) is a covariance, rounding aside."""
+    values = covariance.tolist()
+    if not np.isfinite(covariance).all():
+        raise ValueError(f"motion_covariance must be finite, not {values}")
+    rounding = _ROUNDING * float(np.abs(covariance).max())
+    if np.abs(covariance - covariance.T).max() > rounding:
+        raise ValueError(f"motion_covariance must be symmetric, not {values}")
+    least = float(np.linalg.eigvalsh(covariance)[0])
+    if least < -rounding:
+        raise ValueError(
+            f"motion_covariance must have no negative eigenvalue; the least of {values} is {least:.3g}"
+        )

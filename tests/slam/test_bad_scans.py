@@ -27,6 +27,9 @@ RANGES_M = st.one_of(
     st.floats(0.0, 12.0),
 )
 
+# what drivers write where a beam has no time
+NO_TIME_S = st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1e9, -1e300])
+
 
 def fan(count: int) -> np.ndarray:
     return np.linspace(-2.1, 2.1, count)
@@ -71,9 +74,15 @@ def test_any_mixture_of_ranges_leaves_a_sane_pose(name, ranges_m):
 
 @pytest.mark.parametrize("name", METHODS)
 @FEW
-@given(ranges_m=st.lists(RANGES_M, min_size=2, max_size=160), spread_s=st.floats(0.0, 0.1))
-def test_so_do_scans_with_beam_times(name, ranges_m, spread_s):
+@given(
+    ranges_m=st.lists(RANGES_M, min_size=2, max_size=160),
+    spread_s=st.floats(0.0, 0.1),
+    wrong=st.lists(st.tuples(st.integers(0, 159), NO_TIME_S), max_size=160),
+)
+def test_so_do_scans_with_beam_times(name, ranges_m, spread_s, wrong):
     times_s = np.linspace(0.1 - spread_s, 0.1, len(ranges_m))
+    for index, time_s in wrong:
+        times_s[index % len(times_s)] = time_s
     scan = LaserScan(0.1, fan(len(ranges_m)), np.array(ranges_m), times_s)
     for estimate, true in after(name, [scan]):
         assert_sane(estimate, true, name)
@@ -92,6 +101,23 @@ def test_good_scan_with_bad_beams_gives_no_sure_wrong_pose(name, wrong, seed):
     for index, range_m in wrong:
         ranges_m[index] = range_m
     for estimate, at in after(name, [LaserScan(0.0, ANGLES_RAD, ranges_m)]):
+        assert_sane(estimate, at, name)
+
+
+@pytest.mark.parametrize("name", METHODS)
+@FEW
+@given(
+    wrong=st.lists(st.tuples(st.integers(0, len(ANGLES_RAD) - 1), NO_TIME_S), max_size=150),
+    seed=st.integers(0, 1000),
+)
+def test_good_scan_with_bad_beam_times_is_still_matched(name, wrong, seed):
+    true = ROOM_CENTRE @ STEP
+    good = scan_of(ROOM_SEGMENTS, true @ LASER, np.random.default_rng(seed), SIGMA_M)
+    times_s = np.full(len(ANGLES_RAD), 0.1)
+    for index, time_s in wrong:
+        times_s[index] = time_s
+    for estimate, at in after(name, [LaserScan(0.1, ANGLES_RAD, good.ranges_m, times_s)]):
+        assert estimate.is_matched
         assert_sane(estimate, at, name)
 
 

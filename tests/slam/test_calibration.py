@@ -168,6 +168,6 @@ def test_short_drive_is_refused():
 
 def test_motion_without_covariance_is_refused():
     measurements, matcher = drive(BOTH_WAYS)
-    bare = [Measurement(m.time_s, m.motion, m.scan) for m in measurements]
+    bare = [Measurement(m.time_s, m.motion, m.scan, np.zeros((3, 3))) for m in measurements]
     with pytest.raises(ValueError, match="motion_covariance"):
         calibrated(bare, matcher)
