@@ -7,6 +7,7 @@ Each mismatch of `experiments.worlds` at rest, one scan at random poses, and mov
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -62,17 +63,10 @@ def _figures(experiment: str, config: TrialConfig, seed: int, trials: int) -> di
     records = [recorded_trial(experiment, config, seed, index)[1] for index in range(trials)]
     samples = [sample for record in records for sample in record.get("samples", [record])]
     result = summarised(samples, config.methods)[METHOD]
-    warned = sum(
-        bool(record["methods"][METHOD]["warnings"])
-        for record in records
-        if record["status"] == "ok"
-    )
-    told = {
-        warning
-        for record in records
-        if record["status"] == "ok"
-        for warning in record["methods"][METHOD]["warnings"]
-    }
+    # what each trial ended with
+    warnings = [
+        record["methods"][METHOD]["warnings"] for record in records if record["status"] == "ok"
+    ]
     keys = (
         "rmse_mm",
         "rmse_mrad",
@@ -87,8 +81,8 @@ def _figures(experiment: str, config: TrialConfig, seed: int, trials: int) -> di
         "confident_wrong": result["confident_wrong"],
         "samples": len(samples),
         "trials": trials,
-        "warned": warned,
-        "warnings": sorted(told)[:3],
+        "warned": sum(map(bool, warnings)),
+        "warnings": sorted(set(chain.from_iterable(warnings)))[:3],
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from experiments import tracking
+from experiments.bench import mismatch
 from experiments.figures import (
     bound_figure,
     image_file,
@@ -21,7 +22,7 @@ from experiments.figures.against_bound import _within_heading, _within_position
 from experiments.figures.over_time import _aligned
 from experiments.kidnap import run_trial
 from experiments.runs import Run
-from experiments.trials import generator
+from experiments.trials import TrialConfig, generator
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -199,6 +200,12 @@ def test_picture_of_a_drive_has_a_panel_for_each_method(
     for name in config.methods:
         right = sum(sample["methods"][name]["success"] for sample in result.samples)
         assert f"{name}: right at {right} of {samples} samples" in texts
+    # as it came it lies up to 0.2 m off the walls: in the colours of its age, and with a word of it
+    assert any("last scan, not straightened" in text for text in texts)
+    beams = re.findall(
+        r"<use [^>]*style=\"fill: (#[0-9a-f]{6})", (tmp_path / "trial_3.svg").read_text()
+    )
+    assert len(set(beams)) > 20
 
 
 def test_mismatches_are_told_with_their_numbers(tmp_path):
@@ -218,6 +225,22 @@ def test_mismatches_are_told_with_their_numbers(tmp_path):
         assert text in texts, texts
     mismatch_figure(path, rows)
     assert path.with_suffix(".svg").read_bytes() == svg
+
+
+def test_mismatch_counts_and_names_the_warnings_at_the_end_of_trials(monkeypatch):
+    told = [["b", "a"], [], ["a"], ["of a trial that failed"], ["c", "d"]]
+
+    def recorded_trial(experiment, config, seed, index):
+        status = "error" if index == 3 else "ok"
+        return index, {"status": status, "methods": {"limit": {"warnings": told[index]}}}, {}
+
+    keys = ("rmse_mm", "rmse_mrad", "crlb_mm", "crlb_ratio", "crlb_ratio_theta", "nees")
+    counts = {"nees_band95": None, "failures": 0, "confident_wrong": 0}
+    summary = {"limit": dict.fromkeys(keys) | counts}
+    monkeypatch.setattr(mismatch, "recorded_trial", recorded_trial)
+    monkeypatch.setattr(mismatch, "summarised", lambda samples, methods: summary)
+    found = mismatch._figures("localization", TrialConfig(), 0, 5)
+    assert (found["warned"], found["warnings"]) == (3, ["a", "b", "c"])
 
 
 def test_picture_is_png_whatever_its_name(tmp_path):
