@@ -198,6 +198,15 @@ class Simulation:
         ranges_m = self.data.sensordata[self._beam_data]
         return np.where(ranges_m < 0, np.inf, ranges_m)
 
+    def scatter_people(self) -> None:
+        """Everybody goes elsewhere at once, clear of the robot: where it is set down, nobody stays.
+
+        Raises ValueError if there is no room for all.
+        """
+        if self._people is not None:
+            self._people.reset(self.truth().pose[:2])
+            self._people.put_legs(self.data)
+
     def people_m(self) -> np.ndarray:
         """(N, 2, 2) centres of each person's left and right leg now [m]; for metrics only."""
         return np.empty((0, 2, 2)) if self._people is None else self._people.legs_m.copy()

@@ -73,6 +73,19 @@ class SegmentMap:
         """(S, 2, 2) both ends of each wall [m]."""
         return self.vertices[self.walls]
 
+    def sampled(self, spacing_m: float) -> tuple[FloatArray, IntArray]:
+        """Points (K, 2) along the walls, off their ends, and (K,) whose they are.
+
+        Off the ends, where two walls meet: a point of both would belong to either by chance.
+        """
+        segments = self.segments
+        along = segments[:, 1] - segments[:, 0]
+        counts = np.maximum(np.ceil(np.hypot(*along.T) / spacing_m).astype(int), 1)
+        owners = np.repeat(np.arange(len(segments)), counts)
+        firsts = np.repeat(np.cumsum(counts) - counts, counts)
+        share = (np.arange(counts.sum()) - firsts + 0.5) / np.repeat(counts, counts)
+        return segments[owners, 0] + share[:, np.newaxis] * along[owners], owners
+
     def seen_from(self, beams: Beams, T_map_base: SE2, range_max_m: float) -> SegmentMap:
         """The map of those walls alone that the beams meet, or might from a pose near by.
 
@@ -92,16 +105,23 @@ class SegmentMap:
         return part
 
     def ranges(
-        self, beams: Beams, T_map_base: SE2, range_max_m: float = np.inf
+        self,
+        beams: Beams,
+        T_map_base: SE2,
+        range_max_m: float = np.inf,
+        targets_m: FloatArray | None = None,
     ) -> tuple[FloatArray, IntArray]:
-        """(N,) distance along each beam to the nearest wall [m], and (N,) which; inf and -1: none."""
+        """(N,) distance along each beam to a wall [m], and (N,) which; inf and -1: none.
+
+        targets_m: (N,); of all walls along a beam, that which is nearest to it. Else the first.
+        """
         vertices, bearings = np.empty_like(self.vertices), np.empty_like(self.vertices)
         ranges_m, walls = np.empty(len(beams)), np.empty(len(beams), dtype=np.int64)
+        targets = np.zeros(len(beams)) if targets_m is None else targets_m
         to_base(self.vertices, T_map_base.x, T_map_base.y, T_map_base.theta, vertices)
         cast_fan(
             vertices, self.walls, beams.origins_m, beams.directions, beams.angles_rad,
-            beams.middle_m, beams.spread_m, range_max_m, np.zeros(len(beams)), bearings, ranges_m,
-            walls,
+            beams.middle_m, beams.spread_m, range_max_m, targets, bearings, ranges_m, walls,
         )  # fmt: skip
         return ranges_m, walls
 

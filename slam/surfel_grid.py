@@ -28,7 +28,6 @@ class SurfelGrid:
     surfels: (rows * columns, 4) float32: unit normal, offset along it, standard
     deviation [m]; 0 where no surface is within reach. is_one_sided: normals point to the open side.
     normal_sigma_rad: how wrong normals are by chance.
-
     """
 
     surfels: NDArray[np.float32]
@@ -42,7 +41,9 @@ class SurfelGrid:
     def of(segment_map: SegmentMap, cell_m: float = 0.02, reach_m: float = 0.5) -> SurfelGrid:
         """The grid of a map of walls, for points within reach of them.
 
-        cell_m: coarser in maps too large for it. Raises ValueError for an empty map.
+        A wall that no beam can see, because it stands within another, draws the points near it all
+        the same: leave such out of the map. cell_m: coarser in maps too large for it.
+        Raises ValueError for an empty map.
         """
         if len(segment_map) == 0:
             raise ValueError("the map has no walls: there is no surface to match with")
@@ -72,23 +73,10 @@ def _nearest_walls(
     reach_m: float,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """(rows * columns,) which wall is nearest to the middle of each cell, and whether in reach."""
-    points, owners = _sampled(segment_map.segments, cell_m / 2.0)
+    points, owners = segment_map.sampled(cell_m / 2.0)
     x = lower[0] + (np.arange(columns) + 0.5) * cell_m
     y = lower[1] + (np.arange(rows) + 0.5) * cell_m
     middles = np.column_stack([np.tile(x, rows), np.repeat(y, columns)])
     distances_m, nearest = cKDTree(points).query(middles, distance_upper_bound=reach_m)
     is_near = np.isfinite(distances_m)
     return owners[np.where(is_near, nearest, 0)], is_near
-
-
-def _sampled(segments: FloatArray, spacing_m: float) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Points (K, 2) along segments (S, 2, 2), off their ends, and (K,) whose they are.
-
-    Off the ends, where two walls meet: a point of both would belong to either by chance.
-    """
-    along = segments[:, 1] - segments[:, 0]
-    counts = np.maximum(np.ceil(np.hypot(*along.T) / spacing_m).astype(int), 1)
-    owners = np.repeat(np.arange(len(segments)), counts)
-    firsts = np.repeat(np.cumsum(counts) - counts, counts)
-    share = (np.arange(counts.sum()) - firsts + 0.5) / np.repeat(counts, counts)
-    return segments[owners, 0] + share[:, np.newaxis] * along[owners], owners

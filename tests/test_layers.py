@@ -21,6 +21,7 @@ MAY_IMPORT = {
     },
 }
 ONLY_IN = {
+    "slam/map_files.py": {"PIL", "yaml"},
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
     "experiments/figures/against_bound.py": {"matplotlib"},
     "experiments/figures/canvas.py": {"matplotlib"},
@@ -34,12 +35,12 @@ ONLY_IN = {
 
 RANKS = (
     {"arrays", "se2", "kernels"},
-    {"measurements", "odometry", "point_map", "occupancy_grid", "trajectory", "beams"}
+    {"measurements", "odometry", "point_map", "occupancy_grid", "likelihood_grid", "trajectory", "beams"}
     | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
     | {"surfels", "map_files"},
-    {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew"}
+    {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"},
-    {"relocalization", "lost", "loop_closing", "fusion", "consistency", "matchers", "calibration"},
+    {"relocalization", "hypotheses", "verdict_limits", "lost", "loop_closing", "fusion", "consistency", "matchers", "calibration"},
     {"localization", "mapping"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}

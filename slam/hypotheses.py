@@ -1,0 +1,158 @@
+"""Where the robot may be, judged by all scans since it was lost: likelihoods summed over views."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam.beams import Beams
+from slam.relocalization import Hypothesis, Relocalizer
+from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+
+
+@dataclass(frozen=True)
+class HypothesesConfig:
+    """How `Hypotheses` carries places along, and when one is sure.
+
+    max_places: carried to the next scan. max_views: scans remembered. view_m, view_rad: a scan from
+    nearer than both to the last view replaces it: the same view twice is no second witness.
+    drift_m, drift_rad: by how much the wheels may be wrong between two views.
+    min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
+    share of what the best leaves unexplained. chosen on the Intel, ACES and
+    Freiburg logs.
+    """
+
+    max_places: int = 12
+    max_views: int = 6
+    view_m: float = 0.1
+    view_rad: float = math.radians(5.0)
+    drift_m: float = 0.15
+    drift_rad: float = math.radians(6.0)
+    min_margin: float = 10.0
+    min_share: float = 0.05
+
+    @staticmethod
+    def fit_for(segment_map: SegmentMap) -> HypothesesConfig:
+        """As it is for a map that is exactly known; more careful for one that was made of scans."""
+        if segment_map.is_exact:
+            return HypothesesConfig()
+        return HypothesesConfig(min_margin=12.0, min_share=0.2)
+
+
+@dataclass
+class _View:
+    """A scan, and the pose it was taken at as seen from the robot now."""
+
+    beams: Beams
+    T_now_then: SE2
+
+
+class Hypotheses:
+    """The places where the robot may be, most likely first, after any number of scans."""
+
+    def __init__(self, relocalizer: Relocalizer, config: HypothesesConfig | None = None) -> None:
+        self.config = config or HypothesesConfig.fit_for(relocalizer.segment_map)
+        self.places: tuple[Hypothesis, ...] = ()
+        self._relocalizer = relocalizer
+        self._views: list[_View] = []
+        self._is_same_view = False
+
+    @property
+    def views(self) -> int:
+        """Scans that the likelihoods are sums over."""
+        return len(self._views)
+
+    def move(self, motion: SE2) -> None:
+        """Carries all places along with the robot."""
+        back = motion.inverse()
+        for view in self._views:
+            view.T_now_then = back @ view.T_now_then
+        self.places = tuple(
+            replace(place, T_map_base=place.T_map_base @ motion) for place in self.places
+        )
+
+    def look(self, beams: Beams) -> tuple[Hypothesis, ...]:
+        """The places once more, with one scan more; those that the scan alone suggests among them."""
+        self._see(beams)
+        relocalizer = self._relocalizer
+        starts = [relocalizer.refined(beams, place.T_map_base) for place in self.places]
+        starts += relocalizer(beams)
+        joined = [self._joined(start) for start in relocalizer.distinct(starts)]
+        self.places = tuple(relocalizer.distinct(joined)[: self.config.max_places])
+        return self.places
+
+    @property
+    def margin(self) -> float:
+        """By how much the best place is more likely than the next; inf where there is none."""
+        if len(self.places) < 2:
+            return math.inf
+        return self.places[0].log_likelihood - self.places[1].log_likelihood
+
+    @property
+    def margin_needed(self) -> float:
+        """The margin from which on the best place is sure."""
+        unexplained = -self.places[0].log_likelihood if self.places else 0.0
+        return self.config.min_margin + self.config.min_share * unexplained
+
+    def beats(self, T_map_base: SE2, beams: Beams) -> bool:
+        """Whether the best place is surely more likely than a pose, by this scan alone."""
+        best, other = self.places[0], self._relocalizer.refined(beams, T_map_base)
+        margin = self._relocalizer.at(beams, best.T_map_base).log_likelihood - other.log_likelihood
+        needed = self.config.min_margin - self.config.min_share * min(
+            best.evidence.log_likelihood, 0.0
+        )
+        return margin > needed
+
+    def _see(self, beams: Beams) -> None:
+        if self._views:
+            last = self._views[-1].T_now_then
+            is_near = math.hypot(last.x, last.y) < self.config.view_m
+            if is_near and abs(last.theta) < self.config.view_rad:
+                self._views.pop()
+        self._views.append(_View(beams, SE2.identity()))
+        del self._views[: -self.config.max_views]
+
+    def _joined(self, place: Hypothesis) -> Hypothesis:
+        """With what the earlier views say for the place."""
+        total = place.evidence.log_likelihood
+        for view in self._views[:-1]:
+            T_then = place.T_map_base @ view.T_now_then
+            refined = self._relocalizer.refined(view.beams, T_then)
+            if not refined.is_near(T_then, self.config.drift_m, self.config.drift_rad):
+                refined = self._relocalizer.at(view.beams, T_then)
+            total += refined.log_likelihood
+        return replace(place, log_likelihood=total)
+
+
+def most_telling_turn(
+    relocalizer: Relocalizer, places: tuple[Hypothesis, ...], beams: Beams, step_rad: float
+) -> float:
+    """The turn on the spot [rad] after which a scan would tell the best places apart most.
+
+    By the beams whose walls would be at other ranges; of equals the smaller turn, and step_rad
+    where nothing tells. Only places that may still be right count.
+    """
+    rivals = [p.T_map_base for p in places[:4]]
+    best, most = step_rad, -1.0
+    for count in range(1, int(math.pi / step_rad) + 1):
+        for turn in (count * step_rad, -count * step_rad):
+            seen = [
+                relocalizer.segment_map.ranges(
+                    beams, pose @ SE2(0.0, 0.0, turn), relocalizer.laser.range_max_m
+                )[0]
+                for pose in rivals
+            ]
+            told = [_apart(seen[0], other, relocalizer.laser.range_max_m) for other in seen[1:]]
+            least = min(told, default=0.0)
+            if least > most + 1e-9:
+                best, most = turn, least
+    return best
+
+
+def _apart(a: np.ndarray, b: np.ndarray, range_max_m: float) -> float:
+    """Share of beams whose ranges would differ by more than noise and map explain."""
+    a, b = np.minimum(a, range_max_m), np.minimum(b, range_max_m)
+    return float(np.mean(np.abs(a - b) > 0.2 + 0.05 * np.minimum(a, b)))

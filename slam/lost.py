@@ -1,0 +1,317 @@
+"""The verdict: whether the robot is where it believes to be, why not, and where else it may be."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.evidence import Evidence
+from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
+from slam.matchers import Matcher
+from slam.relocalization import Hypothesis, Relocalizer
+from slam.scan_match import MatchStatus, ScanMatch
+from slam.se2 import SE2, wrap_angle
+from slam.verdict_limits import VerdictLimits
+
+
+class Status(enum.Enum):
+    """What a robot can say of its pose."""
+
+    TRACKING = "tracking"  # the pose is believed
+    UNSURE = "unsure"  # a best guess: the scan says too little, or too much for one place
+    LOST = "lost"  # the pose believed before is wrong, or nothing on the map explains the scans
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the robot says of its pose, and why.
+
+    reasons: in words, empty where all is as usual. hypotheses: places it may be at, most likely
+    first, while it is not tracking. recovery_s: at the scan with which it tracks again, the time
+    since it was lost, or since the first scan of one that had no idea.
+    """
+
+    status: Status
+    reasons: tuple[str, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = ()
+    recovery_s: float | None = None
+
+
+_STATUS_OF_MATCH = {
+    MatchStatus.MATCHED: Status.TRACKING,
+    MatchStatus.DEGENERATE: Status.UNSURE,
+    MatchStatus.NOT_ATTEMPTED: Status.UNSURE,
+    MatchStatus.LOST: Status.LOST,
+    MatchStatus.NOT_CONVERGED: Status.LOST,
+}
+
+
+def verdict_of(match: ScanMatch) -> Verdict:
+    """The verdict where a method stands alone, with no search of the map to ask."""
+    status = _STATUS_OF_MATCH[match.status]
+    reasons = () if status is Status.TRACKING else (f"scan match: {match.status.value}",)
+    return Verdict(status, reasons)
+
+
+@dataclass(frozen=True)
+class GuardConfig:
+    """How a `Guard` judges.
+
+    hypotheses: None: what suits the map. jump_m, jump_rad: standard deviations of a match beside what it claims, when its innovation is
+    judged; max_jump: normalised innovation squared that no wheel explains: 30 is exceeded by chance
+    once in a million. slack: by which a fit may be worse than usual before the map is searched.
+    patience: scans in a row that nothing explains before the robot says that it is lost.
+    blocked_m, blocked_share: a laser of which that share of the beams ends so near is blocked.
+    min_hits: a scan of fewer says nothing. turn_rad: steps of looking around. Chosen, all of these.
+    """
+
+    hypotheses: HypothesesConfig | None = None
+    jump_m: float = 0.03
+    jump_rad: float = math.radians(1.2)
+    max_jump: float = 30.0
+    slack: float = 0.02
+    patience: int = 3
+    blocked_m: float = 0.2
+    blocked_share: float = 0.5
+    min_hits: int = 20
+    turn_rad: float = math.radians(40.0)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A verdict, with the match that the pose is to be corrected by; None: by none.
+
+    is_restart: the match replaces the prediction instead of being joined with it.
+    """
+
+    verdict: Verdict
+    match: ScanMatch | None
+    is_restart: bool = False
+
+
+class Guard:
+    """Judges each match of a tracker, and searches the map when it is lost."""
+
+    def __init__(
+        self,
+        relocalizer: Relocalizer,
+        config: GuardConfig | None = None,
+        *,
+        is_lost: bool = False,
+    ) -> None:
+        self.relocalizer = relocalizer
+        self.config = config or GuardConfig()
+        self.is_lost = is_lost
+        self._search = Hypotheses(relocalizer, self.config.hypotheses)
+        self._limits: VerdictLimits | None = None
+        self._lost_s: float | None = None
+        self._unexplained = 0
+
+    @property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """The places carried along while the robot is lost."""
+        return self._search.places
+
+    def telling_turn_rad(self, beams: Beams) -> float:
+        """The turn on the spot after which a scan would tell most; 0 where none is needed."""
+        search = self._search
+        if not self.is_lost or (search.places and search.margin >= search.margin_needed):
+            return 0.0
+        return most_telling_turn(self.relocalizer, search.places, beams, self.config.turn_rad)
+
+    def limits(self, beams: Beams) -> VerdictLimits:
+        """What is usual on this map; found at the first scan."""
+        if self._limits is None:
+            self._limits = VerdictLimits.calibrated(self.relocalizer, beams)
+        return self._limits
+
+    def carry(self, moved: SE2) -> None:
+        """Takes a motion without a scan that says anything."""
+        if self.is_lost:
+            self._search.move(moved)
+
+    def search(self, beams: Beams, moved: SE2, matcher: Matcher, time_s: float) -> Judgement:
+        """While lost: the places once more, by this scan too; tracking as soon as one is sure."""
+        self._search.move(moved)
+        if self._lost_s is None:
+            self._lost_s = time_s
+        useless = self._useless(beams)
+        if useless:
+            return Judgement(Verdict(Status.UNSURE, (useless,), self.hypotheses), None)
+        return self._placed(beams, matcher, time_s)
+
+    def judge(
+        self,
+        beams: Beams,
+        match: ScanMatch,
+        matcher: Matcher,
+        T_last: SE2,
+        T_predicted: SE2,
+        covariance: FloatArray,
+        time_s: float,
+    ) -> Judgement:
+        """While tracking: whether to believe a match, given the pose before the wheels moved, the
+        one that they predict, and its covariance (3, 3)."""
+        useless = self._useless(beams)
+        if useless:
+            return Judgement(Verdict(Status.UNSURE, (useless,)), None)
+        limits = self.limits(beams)
+        has_pose = match.is_matched or match.status is MatchStatus.DEGENERATE
+        T_now = match.T_map_base if has_pose else T_predicted
+        evidence = self.relocalizer.at(beams, T_now).evidence
+        misfits = self._misfits(evidence, limits)
+        jump = self._jump(match, T_predicted, covariance) if has_pose else None
+        if jump is None and match.is_matched and not misfits:
+            self._unexplained = 0
+            return Judgement(Verdict(Status.TRACKING), match)
+        if jump is not None and match.is_matched and not misfits:
+            slip = _slip(T_last, T_predicted, match.T_map_base)
+            if slip:
+                return Judgement(Verdict(Status.UNSURE, (slip,)), match, is_restart=True)
+        found = Hypotheses(self.relocalizer, self.config.hypotheses)
+        found.look(beams)
+        if found.places and found.beats(T_predicted if jump else T_now, beams):
+            reasons = (jump or "carried away: the scan fits another place far better", *misfits)
+            return self._lost(found, reasons, matcher, beams, time_s)
+        if jump is not None:
+            # nothing tells the place matched from the one predicted: neither is believed yet
+            return self._lost(found, (jump, *misfits), matcher, beams, time_s)
+        if match.status is MatchStatus.DEGENERATE:
+            open_way = "the scan leaves a direction open: the wheels alone tell where along it"
+            return Judgement(Verdict(Status.UNSURE, (open_way, *misfits)), match)
+        if evidence.inlier_ratio < limits.wrong_inlier_ratio or not match.is_matched:
+            self._unexplained += 1
+            reason = "nothing on the map explains the scan"
+            if self._unexplained < self.config.patience:
+                return Judgement(Verdict(Status.UNSURE, (reason, *misfits)), None)
+            return self._lost(found, (reason, *misfits), matcher, beams, time_s)
+        self._unexplained = 0
+        # worse than usual, but best explained where the robot believes to be: people in the way
+        return Judgement(Verdict(Status.TRACKING, misfits), match)
+
+    def _lost(
+        self,
+        found: Hypotheses,
+        reasons: tuple[str, ...],
+        matcher: Matcher,
+        beams: Beams,
+        time_s: float,
+    ) -> Judgement:
+        """Lost from now on; the best place is what the pose becomes, not yet believed."""
+        self.is_lost, self._lost_s, self._unexplained = True, time_s, 0
+        self._search = found
+        if not found.places:
+            return Judgement(Verdict(Status.LOST, reasons), None)
+        match = matcher(beams, found.places[0].T_map_base)
+        return Judgement(Verdict(Status.LOST, reasons, found.places), match, is_restart=True)
+
+    def _placed(self, beams: Beams, matcher: Matcher, time_s: float) -> Judgement:
+        search, limits = self._search, self.limits(beams)
+        places = search.look(beams)
+        if not places:
+            return Judgement(Verdict(Status.LOST, ("no place on the map fits the scan",)), None)
+        best = places[0]
+        match = matcher(beams, best.T_map_base)
+        config = search.config
+        if not best.is_near(match.T_map_base, config.drift_m, config.drift_rad):
+            match = ScanMatch(best.T_map_base, MatchStatus.NOT_CONVERGED)
+        elif not self.relocalizer.segment_map.is_exact:
+            matched = self.relocalizer.at(beams, match.T_map_base)
+            if matched.log_likelihood < best.evidence.log_likelihood:
+                # fitted walls bend a match that sees few of them: the pose that explains more stands
+                match = replace(match, T_map_base=best.T_map_base)
+        reasons = list(self._misfits(best.evidence, limits))
+        if best.evidence.inlier_ratio < limits.wrong_inlier_ratio:
+            return Judgement(
+                Verdict(Status.LOST, ("no place on the map explains the scan", *reasons), places),
+                match, is_restart=True,
+            )  # fmt: skip
+        doubts = []
+        if search.margin < search.margin_needed:
+            doubts.append(
+                f"another place fits nearly as well: log-likelihood margin {search.margin:.1f}"
+                f" of {search.margin_needed:.1f} needed, after {search.views} views"
+            )
+        if match.status is MatchStatus.DEGENERATE:
+            doubts.append("the scan leaves a direction open")
+        elif not match.is_matched:
+            doubts.append(f"scan match: {match.status.value}")
+        if self.relocalizer.segment_map.is_exact and best.evidence.violation_ratio > (
+            2.0 * limits.usual_violation_ratio + self.config.slack
+        ):
+            doubts.append("beams went through walls")
+        if doubts:
+            verdict = Verdict(Status.UNSURE, (*doubts, *reasons), places)
+            return Judgement(verdict, match, is_restart=True)
+        recovery_s = time_s - (time_s if self._lost_s is None else self._lost_s)
+        self.is_lost, self._lost_s = False, None
+        self._search = Hypotheses(self.relocalizer, config)
+        verdict = Verdict(Status.TRACKING, tuple(reasons), (best,), recovery_s)
+        return Judgement(verdict, match, is_restart=True)
+
+    def _misfits(self, evidence: Evidence, limits: VerdictLimits) -> tuple[str, ...]:
+        """What is not as usual, in words."""
+        slack, found = self.config.slack, []
+        if evidence.inlier_ratio < limits.usual_inlier_ratio - slack:
+            found.append(
+                f"{100 * evidence.inlier_ratio:.0f} % of the beams fit the map,"
+                f" usually {100 * limits.usual_inlier_ratio:.0f} % and more"
+            )
+        if evidence.violation_ratio > limits.usual_violation_ratio + slack:
+            found.append(
+                f"{100 * evidence.violation_ratio:.0f} % of the beams went through walls,"
+                f" usually {100 * limits.usual_violation_ratio:.0f} % and less"
+            )
+        return tuple(found)
+
+    def _useless(self, beams: Beams) -> str:
+        """Why a scan says nothing at all; empty where it may."""
+        config, hits = self.config, beams.is_hit
+        count = int(np.count_nonzero(hits))
+        if count < min(config.min_hits, len(beams)):
+            return f"{count} of {len(beams)} beams came back: no laser, or nothing in its reach"
+        near = np.count_nonzero(beams.ranges_m[hits] < config.blocked_m)
+        near += np.count_nonzero(beams.ranges_m == -np.inf)
+        if near > config.blocked_share * len(beams):
+            return f"{near} of {len(beams)} beams end within {config.blocked_m} m: laser blocked"
+        return ""
+
+    def _jump(self, match: ScanMatch, T_predicted: SE2, covariance: FloatArray) -> str | None:
+        """That the match is farther from the prediction than wheels and laser explain, in words."""
+        config = self.config
+        innovation = (T_predicted.inverse() @ match.T_map_base).log()
+        floor = np.diag(np.square([config.jump_m, config.jump_m, config.jump_rad]))
+        own = np.zeros((3, 3))
+        if match.information is not None and np.linalg.cond(match.information) < 1e12:
+            own = np.linalg.inv(match.information)
+        squared = float(innovation @ np.linalg.solve(covariance + floor + own, innovation))
+        if not squared > config.max_jump:
+            return None
+        off_m = math.hypot(innovation[0], innovation[1])
+        return (
+            f"carried away: the scan is {off_m:.2f} m and {math.degrees(abs(innovation[2])):.0f}"
+            " degrees from where the wheels say"
+        )
+
+
+def _slip(T_last: SE2, T_predicted: SE2, T_matched: SE2) -> str:
+    """That the robot moved less than its wheels, along the way they told, in words; or nothing."""
+    told, seen = T_last.inverse() @ T_predicted, T_last.inverse() @ T_matched
+    told_m, seen_m = math.hypot(told.x, told.y), math.hypot(seen.x, seen.y)
+    # the point of the way told that is nearest to where the scan says
+    share = (told.x * seen.x + told.y * seen.y) / max(told_m * told_m, 1e-12)
+    share = min(max(share, 0.0), 1.0)
+    beside_m = math.hypot(seen.x - share * told.x, seen.y - share * told.y)
+    turned, turn_told = wrap_angle(seen.theta), wrap_angle(told.theta)
+    beyond_rad = max(turned - max(turn_told, 0.0), min(turn_told, 0.0) - turned, 0.0)
+    if beside_m > 0.05 or beyond_rad > math.radians(3.0):
+        return ""
+    return (
+        f"wheels slip or spin: they told {told_m:.2f} m and {math.degrees(turn_told):.0f} degrees,"
+        f" the scan {seen_m:.2f} m and {math.degrees(turned):.0f} degrees"
+    )

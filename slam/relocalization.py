@@ -1,0 +1,165 @@
+"""Where on the map a scan may have been taken, with no idea beforehand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slam.arrays import BoolArray, FloatArray
+from slam.beams import Beams
+from slam.evidence import Evidence, EvidenceConfig, evidence_of
+from slam.laser_model import LaserModel
+from slam.likelihood_grid import LikelihoodGrid, SearchConfig, spread
+from slam.scan_matching import SurfelMatchConfig, match_surfels
+from slam.se2 import SE2, wrap_angle
+from slam.segment_map import SegmentMap
+from slam.surfel_grid import SurfelGrid
+
+FreeSpace = Callable[[FloatArray], BoolArray]
+"""Says of positions (N, 2) [m], map frame, whether the robot may be there."""
+
+
+@dataclass(frozen=True)
+class RelocalizerConfig:
+    """How a `Relocalizer` works.
+
+    search: over the whole map. evidence: None: what suits the map. first, last: how a candidate is refined, on few points and on all.
+    apart_m, apart_rad: poses closer than both are one hypothesis. max_refined: the best candidates
+    that are refined on all points. max_behind: of log-likelihood, behind the best, at which a
+    hypothesis is not worth returning.
+    """
+
+    search: SearchConfig = field(default_factory=SearchConfig)
+    evidence: EvidenceConfig | None = None
+    first: SurfelMatchConfig = field(
+        default_factory=lambda: SurfelMatchConfig(scales_m=(0.15, 0.05), strides=(1, 1))
+    )
+    last: SurfelMatchConfig = field(
+        default_factory=lambda: SurfelMatchConfig(scales_m=(0.05, 0.0), strides=(2, 1))
+    )
+    apart_m: float = 0.2
+    apart_rad: float = math.radians(8.0)
+    max_refined: int = 8
+    max_points: int = 80
+    max_behind: float = 100.0
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A pose where a scan may have been taken, and what the scan says for it.
+
+    log_likelihood: summed over the scans that were joined; evidence: of the last one.
+    """
+
+    T_map_base: SE2
+    evidence: Evidence
+    log_likelihood: float
+
+    def is_near(self, T_other: SE2, apart_m: float, apart_rad: float) -> bool:
+        """Whether a pose is the same place."""
+        here = self.T_map_base
+        is_beside = math.hypot(here.x - T_other.x, here.y - T_other.y) < apart_m
+        return is_beside and abs(wrap_angle(here.theta - T_other.theta)) < apart_rad
+
+
+@dataclass(frozen=True, eq=False)
+class Relocalizer:
+    """Finds a scan anywhere on a map: branch and bound, refined, then asked what contradicts it."""
+
+    segment_map: SegmentMap
+    surfels: SurfelGrid
+    grid: LikelihoodGrid
+    laser: LaserModel
+    config: RelocalizerConfig
+
+    @staticmethod
+    def of(
+        segment_map: SegmentMap,
+        surfels: SurfelGrid,
+        laser: LaserModel,
+        is_free: FreeSpace | None = None,
+        config: RelocalizerConfig | None = None,
+    ) -> Relocalizer:
+        """For a map of walls. is_free: where to search; None: in front of the walls."""
+        config = config or RelocalizerConfig()
+        cell_m = config.search.cell_m
+        points = segment_map.sampled(cell_m / 4.0)[0]
+        reach_m = laser.range_max_m
+        open_side = is_free or in_front_of(segment_map, cell_m)
+        grid = LikelihoodGrid.of(points, reach_m, open_side, config.search)
+        return Relocalizer(segment_map, surfels, grid, laser, config)
+
+    def __call__(self, beams: Beams) -> list[Hypothesis]:
+        """The places where the scan may have been taken, the most likely first; none for no hits."""
+        points = beams.points
+        few = spread(points, self.config.search.cell_m, self.config.max_points, np.inf)
+        found = []
+        for candidate in self.grid.search(points):
+            start = candidate.T_map_base
+            # where the map is poor, refining may lead away from a pose that was right
+            found += [self.at(beams, start), self._refined(beams, few, start, self.config.first)]
+        starts = self.distinct(found)[: self.config.max_refined]
+        return self.distinct(
+            hypothesis
+            for start in starts
+            for hypothesis in (
+                start,
+                self._refined(beams, points, start.T_map_base, self.config.last),
+            )
+        )
+
+    def refined(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
+        """The hypothesis near a pose, on all points; the pose itself where that is more likely."""
+        return max(
+            self.at(beams, T_map_base),
+            self._refined(beams, beams.points, T_map_base, self.config.last),
+            key=lambda hypothesis: hypothesis.log_likelihood,
+        )
+
+    def at(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
+        """What the scan says for a pose as it is."""
+        evidence = evidence_of(
+            beams, self.segment_map, self.laser, T_map_base, self.config.evidence
+        )
+        return Hypothesis(T_map_base, evidence, evidence.log_likelihood)
+
+    def distinct(self, hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+        """The best of each place, best first."""
+        kept: list[Hypothesis] = []
+        for one in sorted(hypotheses, key=lambda one: -one.log_likelihood):
+            if kept and one.log_likelihood < kept[0].log_likelihood - self.config.max_behind:
+                break
+            apart = self.config.apart_m, self.config.apart_rad
+            if not any(one.is_near(other.T_map_base, *apart) for other in kept):
+                kept.append(one)
+        return kept
+
+    def _refined(
+        self, beams: Beams, points: FloatArray, T_start: SE2, config: SurfelMatchConfig
+    ) -> Hypothesis:
+        match = match_surfels(
+            points, beams.middle_m, self.surfels, self.laser.noise_table, T_start, config
+        )
+        return self.at(beams, match.T_map_base)
+
+
+def in_front_of(segment_map: SegmentMap, slack_m: float) -> FreeSpace:
+    """Where some wall's open side is the nearest of all walls; anywhere, if walls have two.
+
+    slack_m: so far behind a wall still counts.
+    """
+    if not segment_map.is_one_sided:
+        return lambda points: np.ones(len(points), dtype=np.bool_)
+    samples, owners = segment_map.sampled(slack_m / 2.0)
+    tree = cKDTree(samples)
+
+    def is_free(points: FloatArray) -> BoolArray:
+        _, nearest = tree.query(points)
+        normals = segment_map.normals[owners[nearest]]
+        return np.asarray(np.sum((points - samples[nearest]) * normals, axis=1) > -slack_m)
+
+    return is_free
