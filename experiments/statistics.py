@@ -9,6 +9,8 @@ from experiments.paper import HEADING_MARGIN_RAD, POSITION_MARGIN_M
 
 _Z95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
+NEES_TAIL = 16.27
+"""What one NEES in a thousand exceeds if it is chi-square of three."""
 
 
 def summarised(records: list[dict[str, Any]], methods: tuple[str, ...]) -> dict[str, Any]:
@@ -56,6 +58,7 @@ def _method_summary(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
         "rmse_mrad": _rms(1000 * errors[:, 2]),
         **_against_bound(records, name),
         **_consistency(believed),
+        **_over_all_scans(records, name),
         "warned": sum(bool(outcome["warnings"]) for outcome in outcomes),
     }
 
@@ -86,11 +89,36 @@ def _against_bound(records: list[dict[str, Any]], name: str) -> dict[str, float 
 
 
 def _consistency(believed: list[dict[str, Any]]) -> dict[str, Any]:
-    """Mean NEES of the poses believed, and the band in which 95 % of such means lie if it is 3."""
+    """Mean NEES of the poses believed, and the band in which 95 % of such means lie if it is 3.
+
+    Beside them the median, 2.37 if it is chi-square, and the share beyond NEES_TAIL, 0.001.
+    """
     values = np.array([outcome["nees"] for outcome in believed if outcome["nees"] is not None])
     if not values.size:
-        return {"nees": None, "nees_band95": None}
-    return {"nees": float(values.mean()), "nees_band95": nees_band(values.size)}
+        return {"nees": None, "nees_band95": None, "nees_median": None, "nees_beyond": None}
+    return {
+        "nees": float(values.mean()),
+        "nees_band95": nees_band(values.size),
+        "nees_median": float(np.median(values)),
+        "nees_beyond": float(np.mean(values > NEES_TAIL)),
+    }
+
+
+def _over_all_scans(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    """Mean NEES over every scan of all drives, from the first on, and the share beyond NEES_TAIL.
+
+    No band: the errors of scans that follow each other hang together. Nothing where no one drove.
+    """
+    told = [record["scans_nees"][name] for record in records if "scans_nees" in record]
+    values = np.array([nees for one in told for nees in one if nees is not None])
+    if not told:
+        return {}
+    if not values.size:
+        return {"nees_all_scans": None, "nees_all_scans_beyond": None}
+    return {
+        "nees_all_scans": float(values.mean()),
+        "nees_all_scans_beyond": float(np.mean(values > NEES_TAIL)),
+    }
 
 
 def nees_band(count: int, dimensions: int = 3) -> tuple[float, float]:

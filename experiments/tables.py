@@ -48,6 +48,8 @@ def summary_table(summary: dict[str, Any], poses: str) -> Table:
             f"{_number(m['crlb_ratio'], 2)} | {_number(m['crlb_ratio_theta'], 2)}"
         ),
         "NEES (3 is honest)": _nees,
+        "  median | beyond 16.27": _nees_tail,
+        **({"  NEES of all scans": _nees_all} if summary["experiment"] == "tracking" else {}),
         "Believed, but wrong": lambda m: f"{m['confident_wrong']} of {trials}",
     }
     said = {"Heading max [rad]": "0.01 (text)", "Within 3 cm, 0.01 rad": "100 of 100 (text)"}
@@ -68,6 +70,18 @@ def _nees(method: dict[str, Any]) -> str:
         return "-"
     low, high = method["nees_band95"]
     return f"{method['nees']:.2f} (95 %: {low:.2f} to {high:.2f})"
+
+
+def _nees_tail(method: dict[str, Any]) -> str:
+    if method["nees"] is None:
+        return "-"
+    return f"{method['nees_median']:.2f} | {method['nees_beyond']:.1%}"
+
+
+def _nees_all(method: dict[str, Any]) -> str:
+    if method.get("nees_all_scans") is None:
+        return "-"
+    return f"{method['nees_all_scans']:.2f} ({method['nees_all_scans_beyond']:.1%} beyond)"
 
 
 def _pair(values: dict[str, Any], key: str) -> str:

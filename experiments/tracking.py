@@ -35,7 +35,8 @@ _WAYPOINTS = 6
 
 @dataclass(frozen=True)
 class TrackingResult(TrialResult):
-    """One drive. samples: records as of a trial, every two seconds; series: every scan's errors."""
+    """One drive. samples: records as of a trial, every two seconds, each with the NEES of all scans
+    since the one before (scans_nees); series: every scan's errors."""
 
     samples: list[dict[str, Any]] = field(default_factory=list)
     series: dict[str, Any] = field(default_factory=dict)
@@ -79,6 +80,7 @@ class _Drive:
     def __init__(self, config: TrialConfig, simulation: Simulation) -> None:
         self._config, self._simulation = config, simulation
         self._next_sample_s = SAMPLE_S
+        self._told = 0
         self._samples: list[dict[str, Any]] = []
         self._series: dict[str, list[Any]] = {
             "time_s": [],
@@ -115,7 +117,16 @@ class _Drive:
         )
         if time_s >= self._next_sample_s - 1e-6:
             self._next_sample_s += SAMPLE_S
-            self._samples.append({"time_s": round(time_s, 4)} | self._last.record())
+            self._samples.append(
+                {"time_s": round(time_s, 4)}
+                | self._last.record()
+                | {"scans_nees": self._nees_since_sample()}
+            )
+
+    def _nees_since_sample(self) -> dict[str, list[float | None]]:
+        """Of each method, the NEES of every scan that no sample has told yet."""
+        first, self._told = self._told, len(self._series["time_s"])
+        return {name: series["nees"][first:] for name, series in self._of_method.items()}
 
     def result(self) -> TrackingResult:
         """The whole drive; it succeeds for a method that was right at every sample."""

@@ -21,9 +21,10 @@ from slam.kernels.beam_likelihood import (
     look,
     residual_scale,
 )
-from slam.kernels.beam_search import maximise, reach_of, sharpen
+from slam.kernels.beam_search import maximise, pull_offset, reach_of, sharpen
 from slam.kernels.normal_equations import covariance_into, widest
 from slam.laser_model import LaserModel
+from slam.scan_match import PoseInformation
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap, is_near_by
 
@@ -46,7 +47,7 @@ class BeamConfig:
     smooth_sigmas, smooth_bend: a beam's range counts as smooth where, over so many standard
     deviations of the pose, it keeps to its tangent within so many sigmas of its noise.
     edge_nodes, edge_reach_sigmas: where the likelihood of a beam that passes an edge is looked at.
-    edge_blurs: times that likelihood is averaged with its neighbours. chosen: 2 makes the NEES 3.
+    edge_blurs: times that likelihood is averaged with its neighbours. chosen: 1.
     scales: residuals that scatter so many times wider than the laser's noise, between the two, mean
     that the noise is assumed too small; the match is then done again with what was seen. Noise
     alone, and three pairs of legs, stay below the first; at a wrong pose they scatter wider still.
@@ -102,7 +103,8 @@ class BeamMatch:
     counted as 16 at most. used: beams that could tell. inlier_ratio: share of them within four
     sigmas; behind_ratio: share that ended behind the wall they should have met.
     scale: scatter of the residuals in units of the laser's noise. offset_m, offset_sigma_m: range
-    offset common to all beams.
+    offset common to all beams. smooth: what the beams say that pass no edge; None where edges are
+    not told apart.
     """
 
     T_map_base: SE2
@@ -116,6 +118,7 @@ class BeamMatch:
     scale: float
     offset_m: float
     offset_sigma_m: float
+    smooth: PoseInformation | None = None
 
     @property
     def covariance(self) -> FloatArray:
@@ -202,12 +205,21 @@ def _matched(
     )  # fmt: skip
     verdict = sums.copy()
     is_sharp = widest(information)[0] < _SHARP_M
-    if segment_map.is_exact and is_sharp and is_settled:
+    is_sharpened = bool(segment_map.is_exact and is_sharp and is_settled)
+    smooth_pose, smooth_information = np.empty(3), np.empty((3, 3))
+    if is_sharpened:
         sharpen(
             *scene, config.smoothness, config.nodes, config.edge_sweeps,
             config.edge_blurs, pose, information, sums, predicted, hit_walls, is_kept,
+            smooth_pose, smooth_information,
         )  # fmt: skip
     scale = float(residual_scale(laser.noise_table, beams.ranges_m, predicted, is_kept))
+    smooth = None
+    if is_sharpened:
+        T_smooth, smooth_sums = SE2.from_array(smooth_pose), sums.copy()
+        pull_offset(smooth_sums, (SE2.from_array(pose).inverse() @ T_smooth).log())
+        free_offset(smooth_information, smooth_sums, config.offset_odds, smooth_pose)
+        smooth = PoseInformation(SE2.from_array(smooth_pose), smooth_information)
     offset_m, offset_sigma_m = free_offset(information, sums, config.offset_odds, pose)
     used = int(verdict[USED])
     return BeamMatch(
@@ -222,6 +234,7 @@ def _matched(
         scale=scale,
         offset_m=float(offset_m),
         offset_sigma_m=float(offset_sigma_m),
+        smooth=smooth,
     )
 
 

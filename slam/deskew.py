@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,6 +10,13 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.measurements import LaserScan
 from slam.se2 import SE2
+
+_STEADY = 0.2**2
+_CHANGES_AT = (0.25, 0.5, 0.75)
+"""Chosen: shares of the interval after which the speed may have changed at once."""
+_NO_TIME_S = 1e-6
+_LEAP, _USUAL = 3.0, 0.5
+"""Chosen: three times the usual interval is a leap, half of it more or less is usual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +27,8 @@ class BodyMotion:
     theta [rad/s]); acceleration: (3,) its change per second. unsteadiness: (3,) standard deviation
     of a pose amid the interval, seen from its end [m], [rad]: a sixteenth of how far the robot goes
     astray in it by the acceleration's own change, which nothing tells before the next interval.
+    change: (3,) of the velocity since the interval before. start_s: of the interval. kept_s,
+    kept: until when the velocity stayed what it had been, and what that was; never by default.
     """
 
     end_s: float
@@ -27,6 +36,10 @@ class BodyMotion:
     velocity: FloatArray
     acceleration: FloatArray
     unsteadiness: FloatArray
+    change: FloatArray
+    start_s: float
+    kept_s: float = -np.inf
+    kept: FloatArray = field(default_factory=lambda: np.zeros(3))
 
     @staticmethod
     def over(
@@ -42,11 +55,55 @@ class BodyMotion:
             raise ValueError(f"a motion needs a start before its end, not {start_s} and {end_s} s")
         velocity, middle_s = motion.log() / (end_s - start_s), (start_s + end_s) / 2.0
         acceleration = before_that = np.zeros(3)
+        # of a robot of which nothing is known: it may just have started
+        change = velocity
         if before is not None and abs(before.end_s - start_s) < 1e-9:
             acceleration = (velocity - before.velocity) / (middle_s - before.middle_s)
-            before_that = before.acceleration
+            before_that, change = before.acceleration, velocity - before.velocity
         astray = np.abs(acceleration - before_that) * (end_s - start_s) ** 2
-        return BodyMotion(end_s, middle_s, velocity, acceleration, astray / 16.0)
+        return BodyMotion(end_s, middle_s, velocity, acceleration, astray / 16.0, change, start_s)
+
+    def ended(self, end_s: float) -> BodyMotion:
+        """The same motion up to another stamp, as when a clock was set."""
+        shift_s = end_s - self.end_s
+        return replace(
+            self,
+            end_s=end_s,
+            middle_s=self.middle_s + shift_s,
+            start_s=self.start_s + shift_s,
+            kept_s=self.kept_s + shift_s,
+        )
+
+    def lateness(self, sweep_s: float, lever_m: float) -> FloatArray:
+        """(3, 3) by how much a scan is off that took up to sweep_s [s] and was not straightened.
+
+        Its beams were fired half a sweep before the stamp on average, and a turn, which moves its
+        points by lever_m [m] times the angle, bends it, by an eighth from end to middle.
+        """
+        late = self.velocity * sweep_s / 2.0
+        bent = self.velocity[2] * sweep_s / 8.0 * np.array([lever_m, lever_m, 1.0])
+        return np.asarray(np.outer(late, late) + np.diag(bent**2))
+
+    def is_steady(self, information: FloatArray) -> bool:
+        """Whether it makes no difference to a match of such information (3, 3) when speed changed.
+
+        A change halfway takes the robot an eighth of it, times the interval, off an even one: no
+        more than a fifth of a standard deviation.
+        """
+        bend = self.change * (self.end_s - self.start_s) / 8.0
+        return float(bend @ information @ bend) < _STEADY
+
+    def alternatives(self) -> tuple[BodyMotion, ...]:
+        """The same way by other progress: at one speed, evenly faster, and changed ever later."""
+        length_s = self.end_s - self.start_s
+        before = self.velocity - self.change
+        even = replace(self, acceleration=np.zeros(3))
+        late = []
+        for share in _CHANGES_AT:
+            after = before + self.change / (1.0 - share)
+            kept_s = self.start_s + share * length_s
+            late.append(replace(even, velocity=after, kept_s=kept_s, kept=before))
+        return (even, self, *late)
 
     def less_sure(self, information: FloatArray) -> FloatArray:
         """(3, 3) information of a match, less what its scan's straightening may have missed."""
@@ -59,10 +116,52 @@ class BodyMotion:
 
     def poses_at(self, times_s: FloatArray) -> FloatArray:
         """(N, 3) pose of the base at each time (N,) in the frame of the base at the stamp."""
-        before_end_s = self.end_s - times_s
-        leads = ((self.end_s - self.middle_s) ** 2 - (times_s - self.middle_s) ** 2) / 2.0
-        twists = np.outer(before_end_s, self.velocity) + np.outer(leads, self.acceleration)
+        moving_s = np.maximum(times_s, self.kept_s)
+        leads = ((self.end_s - self.middle_s) ** 2 - (moving_s - self.middle_s) ** 2) / 2.0
+        twists = np.outer(self.end_s - moving_s, self.velocity) + np.outer(leads, self.acceleration)
+        twists += np.outer(moving_s - times_s, self.kept)
         return _exp_all(-twists)
+
+
+class SweepClock:
+    """How long each motion took, from stamps that in real logs repeat, jump and are set anew.
+
+    A stamp that is not after the last one, or so late that the wheels' way fits the usual interval
+    better, tells nothing, nor does the interval that follows it: the usual one is taken instead.
+    """
+
+    def __init__(self) -> None:
+        self._last_s: float | None = None
+        self._usual_s = np.inf
+        self._velocity: FloatArray | None = None
+        self._is_doubtful = False
+        self.is_told = True
+        """Whether the last stamp was one to believe."""
+
+    def duration_s(self, time_s: float, motion: SE2) -> float:
+        """Of the motion up to a stamp [s]; inf while no interval is known."""
+        told_s = np.inf if self._last_s is None else time_s - self._last_s
+        self._last_s = time_s
+        usual_s = self._usual_s
+        self.is_told = True
+        if np.isinf(told_s):
+            return np.inf
+        is_usual = abs(told_s - usual_s) < _USUAL * usual_s
+        # stamps that repeat do so up to rounding
+        is_bad = told_s <= _NO_TIME_S or self._is_leap(told_s, motion)
+        if is_bad or (self._is_doubtful and not is_usual):
+            self._is_doubtful, self.is_told = is_bad, False
+            return usual_s
+        self._is_doubtful = False
+        self._usual_s = told_s
+        self._velocity = motion.log() / told_s
+        return told_s
+
+    def _is_leap(self, told_s: float, motion: SE2) -> bool:
+        if self._velocity is None or told_s < _LEAP * self._usual_s:
+            return False
+        told, usual = (motion.log() / length_s for length_s in (told_s, self._usual_s))
+        return bool(np.linalg.norm(usual - self._velocity) < np.linalg.norm(told - self._velocity))
 
 
 def deskewed(scan: LaserScan, T_base_laser: SE2, motion: BodyMotion) -> Beams:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.scan_match import ScanMatch
 from slam.se2 import SE2
+
+_WIDEST = np.array([100.0, 100.0, 2.0 * np.pi])
+"""Chosen: standard deviations [m], [m], [rad] beyond which a pose is not known at all; to a filter
+of first order wider ones mean nothing, and 1e5 m beside a millimetre is lost in rounding."""
+_SHIFT = 8
+_TURNING_RADPS = 0.05
+"""Chosen: slower turns to either side are what a robot that drives straight makes."""
+_ANOTHER_VIEW = 1.0
+"""Chosen: squared motion, in standard deviations of one scan, after which the robot sees anew."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +29,8 @@ class WheelPrior:
     on a straight metre by unequal wheels [rad/m]; side_slip_s: metres to the left per metre driven
     and radian turned per second, by which tires give way in a curve [s]; lag_s: by which the body
     follows the wheels, forward and turning, as the speed changes [s]; turn_shift_m: way forward per
-    radian turned on the spot by unequal wheels [m]; lag_noise_s: of each change of speed anew [s].
+    radian turned on the spot, by unequal wheels and tires that creep, another to either side [m];
+    lag_noise_s: of each change of speed anew [s].
     chosen: what a tape measure leaves; a slip of 3 mm/s at 1 m/s and 1 rad/s; a hundredth of a
     second, and a fifth of it for what differs from one change to the next.
     """
@@ -54,9 +66,10 @@ class PoseFilter:
         ]  # fmt: skip
         self._deviations = np.array(deviations)
         self._velocity: FloatArray | None = None
+        self._side = 0.0
         self._P: FloatArray = np.zeros((9, 9))
-        self._P[:3, :3] = covariance
         self._P[3:, 3:] = np.diag(np.square(deviations))
+        self.restart(T_map_base, covariance)
 
     @property
     def strain(self) -> float:
@@ -71,12 +84,16 @@ class PoseFilter:
     def predict(self, motion: SE2, duration_s: float, covariance: FloatArray) -> SE2:
         """Moves on by what the wheels told over some time [s]; the motion as it truly was.
 
-        covariance: (3, 3) of the noise at its end. duration_s: inf where it is not known.
+        covariance: (3, 3) of the noise at its end. duration_s: inf where it is not known; then
+        nothing is said of a change of speed, now or by the next motion.
         """
         v, y, w = motion.log()
         velocity = motion.log() / duration_s
-        change = np.zeros(3) if self._velocity is None else velocity - self._velocity
-        self._velocity = velocity
+        change = np.zeros(3)
+        if np.isfinite(duration_s) and self._velocity is not None:
+            change = velocity - self._velocity
+        self._velocity = velocity if np.isfinite(duration_s) else None
+        self._turn_to(velocity[2])
         forward, turn, curvature, slip, lag, shift = self.wheel_errors
         moved = SE2.exp(
             [
@@ -95,8 +112,21 @@ class PoseFilter:
         self._P = transition @ self._P @ transition.T
         creep = self._wheels.lag_noise_s * np.array([change[0], 0.0, change[2]])
         self._P[:3, :3] += covariance + np.diag(creep**2)
+        self._narrow()
         self.T_map_base = self.T_map_base @ moved
         return moved
+
+    def _turn_to(self, turn_rate_radps: float) -> None:
+        """Forgets the way forward per radian where the robot now turns to its other side."""
+        if abs(turn_rate_radps) < _TURNING_RADPS:
+            return
+        side = np.sign(turn_rate_radps)
+        if self._side * side < 0.0:
+            self.wheel_errors[_SHIFT - 3] = 0.0
+            self._P[_SHIFT, :] = 0.0
+            self._P[:, _SHIFT] = 0.0
+            self._P[_SHIFT, _SHIFT] = self._deviations[_SHIFT - 3] ** 2
+        self._side = side
 
     def innovation(self, T_map_base: SE2, information: FloatArray) -> float:
         """Normalised innovation squared of a match (3 on average where all is as assumed).
@@ -113,9 +143,14 @@ class PoseFilter:
         """Corrects the pose by a match with its information (3, 3), its base frame."""
         innovation = (self.T_map_base.inverse() @ T_map_base).log()
         P = self._P
-        gain = P[:, :3] @ np.linalg.solve(np.eye(3) + information @ P[:3, :3], information)
+        left = np.linalg.inv(np.eye(3) + information @ P[:3, :3])
+        gain = P[:, :3] @ left @ information
         error = gain @ innovation
-        P = P - gain @ P[:3, :]
+        # Joseph's form, its gain R gain^T such that it needs no R: a sum of squares stays a covariance
+        kept = np.eye(9)
+        kept[:, :3] -= gain
+        spread = P[:, :3] @ left
+        P = kept @ P @ kept.T + spread @ information @ spread.T
         self._P = (P + P.T) / 2.0
         self.T_map_base = self.T_map_base @ SE2.exp(error[:3])
         self.wheel_errors = self.wheel_errors + error[3:]
@@ -125,10 +160,96 @@ class PoseFilter:
         root = np.sqrt(factor)
         self._P[:3, :] *= root
         self._P[:, :3] *= root
+        self._narrow()
 
     def restart(self, T_map_base: SE2, covariance: FloatArray) -> None:
-        """Forgets the pose, not the wheels: the robot is where a match says."""
+        """Forgets the pose, not the wheels: the robot is where a match says.
+
+        covariance: (3, 3); beyond 100 m or a full turn it counts as so much.
+        """
         self.T_map_base = T_map_base
         self._P[:3, :] = 0.0
         self._P[:, :3] = 0.0
-        self._P[:3, :3] = covariance
+        is_known = np.isfinite(covariance)
+        self._P[:3, :3] = np.where(is_known, covariance, np.diag(_WIDEST**2))
+        self._narrow()
+
+    def _narrow(self) -> None:
+        """Keeps the pose's variance where a filter of first order means something."""
+        deviations = np.sqrt(np.diag(self._P)[:3])
+        if (deviations > _WIDEST).any():
+            scale = np.minimum(1.0, _WIDEST / np.maximum(deviations, _WIDEST))
+            self._P[:3, :] *= scale[:, np.newaxis]
+            self._P[:, :3] *= scale
+
+
+def covariance_held(information: FloatArray) -> FloatArray:
+    """(3, 3) covariance of what an information fixes; 100 m, or a full turn, along the rest."""
+    return np.asarray(np.linalg.inv(information + np.diag(_WIDEST**-2.0)))
+
+
+class Viewpoint:
+    """From where the robot looks, and how much of that view has been used already.
+
+    While the robot stands, its scans are no independent looks: edges lie between the same beams, the
+    same points in the same cells, each time. What repeats is taken once per pose: of a match that
+    tells its smooth part apart, the edges; of another, the share that `ScanMatch.repeated` names.
+    """
+
+    def __init__(self) -> None:
+        self._moved = SE2.identity()
+        self._looks = 0
+
+    def move(self, moved: SE2) -> None:
+        """Notes that the robot moved on."""
+        self._moved = self._moved @ moved
+
+    def fresh(self, match: ScanMatch) -> ScanMatch:
+        """The part of a match with information that no match from here has told before."""
+        part = match.smooth
+        assert match.information is not None
+        information = match.information if part is None else part.information
+        way = self._moved.log()
+        if self._looks == 0 or float(way @ information @ way) > _ANOTHER_VIEW:
+            self._moved, self._looks = SE2.identity(), 0
+            return match
+        if part is not None:
+            return replace(match, T_map_base=part.T_map_base, information=part.information)
+        # so that n scans have the covariance repeated + (1 - repeated) / n of one
+        after, before = (
+            n / (match.repeated * n + 1.0 - match.repeated) for n in (self._looks + 1, self._looks)
+        )
+        return replace(match, information=(after - before) * information)
+
+    def take(self, *, is_anew: bool = False) -> None:
+        """Notes that what was fresh of a match has been used; is_anew: and nothing before counts."""
+        if is_anew:
+            self._moved, self._looks = SE2.identity(), 0
+        self._looks += 1
+
+
+def mixed(matches: Sequence[ScanMatch], log_weights: FloatArray) -> ScanMatch:
+    """One match for several ways in which the robot may have moved while the scan was taken.
+
+    matches: with information, in an order in which neighbours stand for what lies between them.
+    log_weights: (K,) of their probabilities. The mean, and the covariance of the mixture: what each
+    says of itself, how far they lie apart, and that the truth lies between two of them.
+    """
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    best = matches[int(weights.argmax())]
+    back = best.T_map_base.inverse()
+    offs = np.array([(back @ match.T_map_base).log() for match in matches])
+    mean = weights @ offs
+    steps = np.gradient(offs, axis=0) if len(matches) > 1 else np.zeros_like(offs)
+    covariance = np.zeros((3, 3))
+    for weight, match, off, step in zip(weights, matches, offs - mean, steps, strict=True):
+        assert match.information is not None
+        own = covariance_held(match.information)
+        covariance += weight * (own + np.outer(off, off) + np.outer(step, step) / 12.0)
+    return replace(
+        best,
+        T_map_base=best.T_map_base @ SE2.exp(mean),
+        information=np.asarray(np.linalg.inv(covariance), dtype=np.float64),
+        smooth=None,
+    )

@@ -47,6 +47,14 @@ class RangeFit:
     offset_sigma_m: float
 
 
+@dataclass(frozen=True, eq=False)
+class PoseInformation:
+    """A pose and the (3, 3) inverse covariance of its tangent, as in `ScanMatch`."""
+
+    T_map_base: SE2
+    information: FloatArray
+
+
 @dataclass(frozen=True)
 class ScanMatch:
     """The pose found for one scan, and whether it is to be believed.
@@ -54,6 +62,10 @@ class ScanMatch:
     error_m2 and pair_count belong to T_map_base; history has one step per pass of the loop.
     information: (3, 3) inverse covariance of the tangent (x, y, theta) in the base frame, true pose
     = T_map_base @ SE2.exp(noise), zero along what the scan leaves open; None: nothing is claimed.
+    log_likelihood: of the scan there, but for a constant, or None: to compare poses of one scan.
+    repeated: share of the covariance whose error is the same in all scans from one pose.
+    smooth: the same without the edges, whose errors are the same in every scan from one pose; None
+    where they are not told apart.
     """
 
     T_map_base: SE2
@@ -63,6 +75,9 @@ class ScanMatch:
     history: tuple[IcpStep, ...] = ()
     information: FloatArray | None = field(default=None, compare=False)
     fit: RangeFit | None = None
+    log_likelihood: float | None = None
+    repeated: float = 0.0
+    smooth: PoseInformation | None = field(default=None, compare=False)
 
     @property
     def is_matched(self) -> bool:

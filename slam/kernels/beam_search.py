@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
-from slam.kernels.beam_likelihood import keep_smooth, look
+from slam.kernels.beam_likelihood import OFFSET_CROSS, OFFSET_PULL, keep_smooth, look
 from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
 from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
@@ -154,6 +154,13 @@ def maximise(
 
 
 @compiled
+def pull_offset(sums: FloatArray, step: FloatArray) -> None:
+    """The pull on the common offset in `sums`, as it is once the pose has taken a step (3,)."""
+    for j in range(3):
+        sums[OFFSET_PULL] -= sums[OFFSET_CROSS + j] * step[j]
+
+
+@compiled
 def sharpen(
     map_vertices: FloatArray,
     walls: IntArray,
@@ -178,13 +185,16 @@ def sharpen(
     predicted: FloatArray,
     hit_walls: IntArray,
     is_kept: BoolArray,
-) -> int:
+    smooth_pose: FloatArray,
+    smooth_information: FloatArray,
+) -> None:
     """The pose (3,) and information (3, 3) of `maximise`, in place, with each edge taken for itself.
 
     Beams whose range bends or jumps over the uncertainty are taken out of the Gaussian and joined
     by expectation propagation. smoothness: (2,) sigmas and bend of `keep_smooth`. nodes: (K,) in
     standard deviations, where an edge's likelihood is looked at. predicted, hit_walls: (N,) at the
-    pose. sums, is_kept: of the smooth beams. The number of edges.
+    pose. sums, is_kept: of the smooth beams. smooth_pose: (3,), smooth_information: (3, 3) results:
+    what the smooth beams say alone.
     """
     count = angles.shape[0]
     vertices, bearings = np.empty_like(map_vertices), np.empty_like(map_vertices)
@@ -202,6 +212,8 @@ def sharpen(
     )  # fmt: skip
     solved(information, pull, step)
     moved(pose, step)
+    pull_offset(sums, step)
+    smooth_pose[:], smooth_information[:] = pose, information
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     edges = np.empty(count, dtype=np.int64)
     edge_count = 0
@@ -211,7 +223,7 @@ def sharpen(
             edge_count += 1
     edges = edges[:edge_count]
     if edge_count == 0:
-        return 0
+        return
     covariance = inverted(information)
     axes, shifts = np.empty((edge_count, 3)), np.empty((edge_count, nodes.shape[0]))
     ranges, likelihoods = np.empty_like(shifts), np.empty_like(shifts)
@@ -240,4 +252,4 @@ def sharpen(
     mean = np.zeros(3)
     propagate(information, axes, shifts, likelihoods, sweeps, mean, covariance)
     moved(pose, mean)
-    return edge_count
+    pull_offset(sums, mean)

@@ -115,3 +115,22 @@ def test_no_success_has_no_errors_and_one_has_no_deviation():
     one = summarised([trial(1.0, 2.0, 0.0)], ("line",))["line"]
     assert one["x_cm"]["mean"] == pytest.approx(1.0)
     assert one["x_cm"]["std"] is None
+
+
+def test_tail_of_the_nees_is_told_beside_its_mean():
+    # chi-square(3) exceeds 16.27 once in a thousand
+    assert chi2.sf(16.27, 3) == pytest.approx(1e-3, rel=0.01)
+    records = [trial(0.1, 0.0, 0.0, nees=nees) for nees in (1.0, 2.0, 16.0, 17.0)]
+    result = summarised(records, ("line",))["line"]
+    assert result["nees_median"] == pytest.approx(9.0)
+    assert result["nees_beyond"] == pytest.approx(0.25)
+    assert "nees_all_scans" not in result
+
+
+def test_nees_of_a_drive_is_over_all_of_its_scans():
+    first = trial(0.1, 0.0, 0.0, nees=2.0) | {"scans_nees": {"line": [40.0, None, 2.0]}}
+    second = trial(0.1, 0.0, 0.0, nees=4.0) | {"scans_nees": {"line": [2.0, 4.0]}}
+    result = summarised([first, second, RAISED], ("line",))["line"]
+    assert result["nees"] == pytest.approx(3.0)
+    assert result["nees_all_scans"] == pytest.approx(12.0)
+    assert result["nees_all_scans_beyond"] == pytest.approx(0.25)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.deskew import BodyMotion, deskewed
+from slam.deskew import BodyMotion, SweepClock, deskewed
 from slam.measurements import LaserScan
 from slam.se2 import SE2
 from tests.slam.slow_twins import cast_all
@@ -159,3 +159,61 @@ def test_scan_without_beam_times_cannot_be_deskewed():
 def test_motion_over_no_time_is_refused(end_s):
     with pytest.raises(ValueError, match="start before its end"):
         BodyMotion.over(SE2.identity(), 1.0, end_s)
+
+
+def test_alternatives_go_the_same_way_by_other_progress():
+    before = BodyMotion.over(SE2(0.0, 0.0, 0.01), 0.0, 0.1)
+    motion = BodyMotion.over(SE2(0.0, 0.0, 0.04), 0.1, 0.2, before)
+    headings = [way.poses_at(np.array([0.1, 0.15, 0.2]))[:, 2] for way in motion.alternatives()]
+    for heading in headings:
+        # all of them turn by 40 mrad up to the stamp
+        np.testing.assert_allclose(heading[[0, 2]], [-0.04, 0.0], atol=1e-12)
+    # halfway: even speed; evenly faster, 0.3 rad/s an eighth of 0.1 s more; and kept at 0.1 rad/s
+    # for a quarter, a half and three quarters of the time: 5 mrad less what 0.25, 0.5 s of it make
+    middle = np.array([heading[1] for heading in headings])
+    np.testing.assert_allclose(
+        middle, [-0.02, -0.02375, -0.0375 * 2.0 / 3.0, -0.035, -0.035], atol=1e-12
+    )
+
+
+def test_change_of_speed_matters_from_a_fifth_of_a_sigma_on():
+    before = BodyMotion.over(SE2(0.01, 0.0, 0.0), 0.0, 0.1)
+    motion = BodyMotion.over(SE2(0.026, 0.0, 0.0), 0.1, 0.2, before)
+    # 0.16 m/s more in 0.1 s: an eighth is 2 mm
+    assert motion.is_steady(np.diag([0.011**-2.0, 1.0, 1.0]))
+    assert not motion.is_steady(np.diag([0.009**-2.0, 1.0, 1.0]))
+
+
+def clocked(stamps_s: list[float], speeds_mps: list[float]) -> list[float]:
+    clock = SweepClock()
+    return [
+        clock.duration_s(stamp_s, SE2(0.1 * speed_mps, 0.0, 0.0))
+        for stamp_s, speed_mps in zip(stamps_s, speeds_mps, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("wrong_s", [0.1, -5.0, 90.0])
+def test_wrong_stamp_counts_as_the_usual_interval_and_so_does_the_next(wrong_s):
+    found_s = clocked([0.0, 0.1, 0.2, wrong_s, 0.4, 0.5], [1.0] * 6)
+    assert found_s[0] == np.inf
+    np.testing.assert_allclose(found_s[1:], 0.1)
+
+
+def test_clock_that_was_set_goes_on_as_before():
+    np.testing.assert_allclose(clocked([5.0, 5.1, 1.0, 1.1, 1.2], [1.0] * 5)[1:], 0.1)
+
+
+def test_pause_in_which_the_robot_went_on_is_no_wrong_stamp():
+    found_s = clocked([0.0, 0.1, 0.2, 1.2], [1.0, 1.0, 1.0, 10.0])
+    np.testing.assert_allclose(found_s[1:], [0.1, 0.1, 1.0])
+
+
+def test_lateness_is_half_a_sweep_along_the_way():
+    motion = BodyMotion.over(SE2(0.1, 0.0, 0.0), 0.0, 0.5)
+    np.testing.assert_allclose(
+        motion.lateness(0.1, 3.0), np.diag([0.01, 0.0, 0.0]) ** 2, atol=1e-15
+    )
+    turning = BodyMotion.over(SE2(0.0, 0.0, 0.04), 0.0, 0.1)
+    # 20 mrad of heading, and 5 mrad of it bent, at 3 m
+    expected = np.diag([0.015, 0.015, np.hypot(0.02, 0.005)]) ** 2
+    np.testing.assert_allclose(turning.lateness(0.1, 3.0), expected, atol=1e-15)

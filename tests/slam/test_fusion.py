@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from slam.fusion import PoseFilter, WheelPrior
+from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held, mixed
+from slam.scan_match import MatchStatus, PoseInformation, ScanMatch
 from slam.se2 import SE2
 
 START_COVARIANCE = np.diag([0.02, 0.02, 0.01]) ** 2
@@ -266,3 +267,101 @@ def test_first_motion_of_unknown_duration_has_no_speed():
     pose_filter.predict(SE2(0.1, 0.0, 0.1), np.inf, STEP_COVARIANCE)
     assert np.isfinite(pose_filter.covariance).all()
     assert pose_filter.T_map_base == SE2.identity() @ SE2.exp(SE2(0.1, 0.0, 0.1).log())
+
+
+@pytest.mark.parametrize("sigma", [1e3, 1e5, 1e6, np.inf])
+def test_covariance_stays_one_however_little_is_known_at_first(sigma):
+    pose_filter = PoseFilter(SE2.identity(), np.diag([sigma, sigma, sigma]) ** 2)
+    match = np.diag([0.002, 0.004, 0.001]) ** 2
+    for told in way(20):
+        pose_filter.predict(SE2.exp(told), STEP_S, STEP_COVARIANCE)
+        assert np.isfinite(pose_filter.covariance).all()
+        pose_filter.update(SE2(3.0, 2.0, 1.0), np.linalg.inv(match))
+        assert (np.linalg.eigvalsh(pose_filter.covariance) > 0.0).all()
+    # as sure as one who knew it to a metre
+    known = PoseFilter(SE2.identity(), np.eye(3))
+    for told in way(20):
+        known.predict(SE2.exp(told), STEP_S, STEP_COVARIANCE)
+        known.update(SE2(3.0, 2.0, 1.0), np.linalg.inv(match))
+    np.testing.assert_allclose(
+        np.diag(pose_filter.covariance), np.diag(known.covariance), rtol=0.02
+    )
+
+
+def test_restart_where_a_direction_is_open_is_finite_and_goes_on():
+    pose_filter = PoseFilter(SE2.identity(), START_COVARIANCE)
+    pose_filter.restart(SE2.identity(), covariance_held(np.diag([0.0, 1e6, 1e6])))
+    # nothing of x: 100 m, as wide as a filter of first order goes
+    np.testing.assert_allclose(np.diag(pose_filter.covariance), [1e4, 1e-6, 1e-6], rtol=1e-6)
+    for told in way(10):
+        pose_filter.predict(SE2.exp(told), STEP_S, STEP_COVARIANCE)
+    assert np.isfinite(pose_filter.covariance).all()
+    assert (np.linalg.eigvalsh(pose_filter.covariance) > 0.0).all()
+
+
+def test_motion_of_unknown_duration_is_no_change_of_speed_for_the_next():
+    pose_filter = PoseFilter(SE2.identity(), NO_NOISE, WheelPrior(*[0.0] * 6, lag_noise_s=0.002))
+    for duration_s in (STEP_S, np.inf, STEP_S):
+        pose_filter.predict(SE2.exp([0.1, 0.0, 0.0]), duration_s, NO_NOISE)
+    assert not pose_filter.covariance.any()
+
+
+def test_way_per_radian_is_learnt_anew_for_each_side():
+    # tires that creep push the robot back by 1.5 mm per radian, whichever way it turns
+    rng = np.random.default_rng(0)
+    match = np.diag([0.0008, 0.0008, 0.0005]) ** 2
+    pose_filter, true = PoseFilter(SE2.identity(), START_COVARIANCE), SE2.identity()
+    nees = []
+    for side in (1.0, -1.0):
+        for k in range(40):
+            true = true @ SE2.exp([-0.0015 * 0.05, 0.0, side * 0.05])
+            pose_filter.predict(SE2.exp([0.0, 0.0, side * 0.05]), STEP_S, STEP_COVARIANCE / 1e3)
+            off = rng.multivariate_normal(np.zeros(3), match)
+            pose_filter.update(true @ SE2.exp(off), np.linalg.inv(match))
+            error = (pose_filter.T_map_base.inverse() @ true).log()
+            if side < 0.0 and k > 3:
+                nees.append(error @ np.linalg.solve(pose_filter.covariance, error))
+    # 36 values that hang together; with one constant for both sides they are beyond it
+    assert np.mean(nees) < 8.0
+
+
+INFORMATION = np.diag([1e6, 2e6, 4e6])
+
+
+def test_standing_robot_uses_the_edges_once_and_moving_sees_anew():
+    smooth = PoseInformation(SE2(0.001, 0.0, 0.0), INFORMATION / 4.0)
+    match = ScanMatch(SE2.identity(), MatchStatus.MATCHED, information=INFORMATION, smooth=smooth)
+    view = Viewpoint()
+    assert view.fresh(match) is match
+    view.take()
+    # half a standard deviation of the smooth beams, 2 mm, is no other view; twice more of it is
+    view.move(SE2(0.001, 0.0, 0.0))
+    part = view.fresh(match)
+    assert part.T_map_base == smooth.T_map_base
+    np.testing.assert_array_equal(part.information, smooth.information)
+    view.move(SE2(0.0015, 0.0, 0.0))
+    assert view.fresh(match) is match
+
+
+def test_share_that_repeats_is_a_floor_for_the_covariance_of_a_standing_robot():
+    match = ScanMatch(SE2.identity(), MatchStatus.MATCHED, information=INFORMATION, repeated=0.25)
+    view, total = Viewpoint(), np.zeros((3, 3))
+    for _ in range(30):
+        total += view.fresh(match).information
+        view.take()
+    # a quarter stays, the rest is divided by 30
+    np.testing.assert_allclose(np.linalg.inv(total) @ INFORMATION, np.eye(3) * 0.275, atol=1e-12)
+
+
+def test_mixture_is_as_wide_as_its_parts_lie_apart():
+    parts = [
+        ScanMatch(SE2(x, 0.0, 0.0), MatchStatus.MATCHED, information=INFORMATION)
+        for x in (0.0, 0.0, 0.01, 0.01)
+    ]
+    both = mixed(parts, np.zeros(4))
+    assert both.T_map_base.x == pytest.approx(0.005)
+    # 5 mm to either side, 1 mm each; and between the middle two 5 mm a step, a twelfth of its square
+    expected = 0.005**2 + 1e-6 + 0.5 * 0.005**2 / 12.0
+    assert np.linalg.inv(both.information)[0, 0] == pytest.approx(expected, rel=1e-6)
+    one = mixed(parts, np.array([0.0, 0.0, -100.0, -100.0]))
+    assert one.T_map_base.x == pytest.approx(0.0, abs=1e-12)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.localization import Localizer, LocalizerConfig
-from slam.matchers import VerdictConfig
+from slam.localization import Estimate, Localizer, LocalizerConfig
+from slam.matchers import Matcher, VerdictConfig
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
@@ -32,6 +32,11 @@ def off(a: SE2, b: SE2) -> tuple[float, float]:
     return math.hypot(change.x, change.y), abs(change.theta)
 
 
+def at_once(scan: LaserScan, time_s: float) -> LaserScan:
+    """The scan with all of its beams fired at one instant."""
+    return replace(scan, time_s=time_s, beam_times_s=np.full(len(scan.angles_rad), time_s))
+
+
 def drive(robot: Localizer, true: SE2, count: int, seed: int = 0, start_s: float = 0.0):
     """The estimates and true poses along an arc, wheels as noisy as they say."""
     rng = np.random.default_rng(seed)
@@ -39,7 +44,9 @@ def drive(robot: Localizer, true: SE2, count: int, seed: int = 0, start_s: float
     for i in range(count):
         true = true @ STEP @ SE2.exp(rng.multivariate_normal(np.zeros(3), STEP_COVARIANCE))
         scan = scan_of(ROOM_SEGMENTS, true @ LASER, rng, SIGMA_M)
-        measurement = Measurement(start_s + 0.1 * i, STEP, scan, STEP_COVARIANCE)
+        measurement = Measurement(
+            start_s + 0.1 * i, STEP, at_once(scan, start_s + 0.1 * i), STEP_COVARIANCE
+        )
         estimates.append(robot.update(measurement))
         poses.append(true)
     return estimates, poses
@@ -268,3 +275,167 @@ def test_offset_of_the_laser_is_warned_of_while_the_robot_drives(room):
     said = [float(w.split()[2]) for w in estimate.warnings if "correct the laser's offset" in w]
     # 0.6 mm from one scan, 0.1 mm from 40; what grazes an edge takes some of it
     assert said == pytest.approx([5.0], abs=0.6)
+
+
+# thin boards that stand about: each shows two edges
+BOARDS = np.array(
+    [
+        [[x, y], [x + 0.1 * math.cos(turn), y + 0.1 * math.sin(turn)]]
+        for x, y, turn in (
+            *((0.7, 0.6, 0.3), (0.6, 1.7, 1.4), (1.2, 2.7, 2.2), (2.2, 3.5, 0.1), (3.2, 3.6, 0.8)),
+            *((4.4, 3.2, 1.9), (4.8, 2.2, 1.5), (4.6, 1.3, 2.6), (3.4, 0.4, 0.2), (2.0, 0.3, 2.9)),
+        )
+    ]
+)
+FULL_ROOM = np.concatenate([ROOM_SEGMENTS, BOARDS])
+
+
+@pytest.fixture(scope="module")
+def full_room() -> dict:
+    return matchers(FULL_ROOM)
+
+
+STILL_NOISE = np.diag([1e-5, 1e-5, 1e-5]) ** 2
+
+
+def stood(matcher: Matcher, pose: SE2, seed: int, count: int) -> tuple[list[float], list[float]]:
+    """NEES and error [m] after each of `count` scans from one pose, the start some cm off."""
+    rng = np.random.default_rng(seed)
+    robot = Localizer(matcher, pose @ SE2(0.03, -0.02, 0.02), LASER)
+    nees, errors_m = [], []
+    for i in range(count):
+        scan = at_once(scan_of(FULL_ROOM, pose @ LASER, rng, SIGMA_M), 0.1 * i)
+        estimate = robot.update(Measurement(0.1 * i, SE2.identity(), scan, STILL_NOISE))
+        error = (estimate.T_map_base.inverse() @ pose).log()
+        nees.append(float(error @ np.linalg.solve(estimate.covariance, error)))
+        errors_m.append(math.hypot(error[0], error[1]))
+    return nees, errors_m
+
+
+@pytest.mark.parametrize(("name", "gain"), [("limit", 0.27), ("fast", 0.35)])
+def test_robot_that_stands_keeps_improving_and_knows_how_sure_it_is(name, gain, full_room):
+    rng, nees, errors_m = np.random.default_rng(1), [], []
+    for seed in range(12):
+        pose = SE2(*rng.uniform([1.5, 0.8, -3.0], [3.6, 2.6, 3.0]))
+        of_pose = stood(full_room[name], pose, seed, 50)
+        nees.append(of_pose[0])
+        errors_m.append(of_pose[1])
+    # 12 draws of chi-square(3): a mean of 3 to 0.7, three of these; with the edges of every scan
+    # counted as if they were new, `limit` had 20 after 50 scans
+    for count in (1, 10, 50):
+        assert 0.9 < np.mean(nees, axis=0)[count - 1] < 5.2, count
+    rms_m = np.sqrt(np.mean(np.square(errors_m), axis=0))
+    # independent scans would come to a seventh
+    assert rms_m[-1] < gain * rms_m[0]
+
+
+def swept_scan(start: SE2, twist: np.ndarray, end_s: float, rng: np.random.Generator) -> LaserScan:
+    """The scan of a laser whose beams are fired one by one over 0.1 s along a twist (3,)."""
+    shares = np.arange(len(ANGLES_RAD)) / len(ANGLES_RAD)
+    lasers = [start @ SE2.exp(twist * share) @ LASER for share in shares]
+    fired = Beams(
+        np.array([[laser.x, laser.y] for laser in lasers]),
+        np.array([laser.theta for laser in lasers]) + ANGLES_RAD,
+        np.full(len(lasers), np.nan),
+    )
+    ranges_m = cast_all(WALLS, fired, SE2.identity())[0] + rng.normal(0.0, SIGMA_M, len(lasers))
+    return LaserScan(end_s, ANGLES_RAD, ranges_m, end_s - 0.1 * (1.0 - shares))
+
+
+TURNING = np.array([0.0, 0.0, 0.1])  # 1 rad/s
+
+
+def nees_of(estimate: Estimate, true: SE2) -> float:
+    error = (estimate.T_map_base.inverse() @ true).log()
+    return float(error @ np.linalg.solve(estimate.covariance, error))
+
+
+@pytest.mark.parametrize("turn_rad", [0.03, -0.05, 0.1])
+def test_first_scan_of_a_turning_robot_is_not_believed_as_if_it_stood(turn_rad, room):
+    turning = np.array([0.0, 0.0, turn_rad])
+    rng, nees = np.random.default_rng(0), []
+    for _ in range(6):
+        scan, true = swept_scan(ROOM_CENTRE, turning, 0.1, rng), ROOM_CENTRE @ SE2.exp(turning)
+        robot = Localizer(room["limit"], true, LASER)
+        estimate = robot.update(Measurement(0.1, SE2.identity(), scan))
+        assert any("scan not straightened" in said for said in estimate.warnings)
+        nees.append(nees_of(estimate, true))
+    # of a bound, not of a sigma, so below 3 as well as not much above
+    assert np.mean(nees) < 10.0
+
+
+def test_first_scan_of_a_robot_at_rest_is_believed_in_full(room):
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        scan = swept_scan(ROOM_CENTRE, np.zeros(3), 0.1, rng)
+        robot = Localizer(room["limit"], ROOM_CENTRE, LASER)
+        estimate = robot.update(Measurement(0.1, SE2.identity(), scan))
+        assert estimate.warnings == ()
+        assert np.sqrt(np.diag(estimate.covariance)).max() < 0.002
+
+
+def test_scan_without_beam_times_is_late_by_what_the_robot_moved_and_says_so(room):
+    rng, true, nees = np.random.default_rng(0), ROOM_CENTRE, []
+    robot = Localizer(room["limit"], true, LASER)
+    robot.update(
+        Measurement(0.0, SE2.identity(), scan_of(ROOM_SEGMENTS, true @ LASER, rng, SIGMA_M))
+    )
+    for i in range(1, 8):
+        scan = replace(swept_scan(true, TURNING, 0.1 * i, rng), beam_times_s=None)
+        true = true @ SE2.exp(TURNING)
+        estimate = robot.update(Measurement(0.1 * i, SE2.exp(TURNING), scan, STEP_COVARIANCE))
+        assert any("it has no beam times" in said for said in estimate.warnings)
+        nees.append(nees_of(estimate, true))
+    assert np.mean(nees) < 6.0
+
+
+@pytest.mark.parametrize("wrong_s", [-5.0, -0.1, 60.0])
+@pytest.mark.parametrize("is_of_scan", [True, False])
+def test_one_wrong_stamp_costs_a_turning_robot_nothing(wrong_s, is_of_scan, room):
+    rng, true, nees = np.random.default_rng(3), ROOM_CENTRE, []
+    robot = Localizer(room["limit"], true, LASER)
+    for i in range(12):
+        told = TURNING if i else np.zeros(3)
+        scan, stamp_s = swept_scan(true, told, 0.1 * i, rng), 0.1 * i
+        true = true @ SE2.exp(told)
+        if i == 6:
+            stamp_s += wrong_s
+            if is_of_scan:
+                times_s = scan.beam_times_s + wrong_s
+                scan = replace(scan, time_s=stamp_s, beam_times_s=times_s)
+        estimate = robot.update(Measurement(stamp_s, SE2.exp(told), scan, STEP_COVARIANCE))
+        nees.append(nees_of(estimate, true))
+    # the scan, the one that follows and the last: chi-square(3) exceeds it once in a thousand
+    assert max(nees[6], nees[7], nees[-1]) < 16.3
+
+
+def test_change_of_speed_within_a_sweep_makes_the_covariance_wider(room):
+    # at rest for half the sweep, then at 1 rad/s: the wheels tell half a turn rate for all of it
+    rng, true = np.random.default_rng(5), ROOM_CENTRE
+    robot = Localizer(room["limit"], true, LASER, LocalizerConfig(fuse=False))
+    for i in range(3):
+        scan = swept_scan(true, np.zeros(3), 0.1 * i, rng)
+        robot.update(Measurement(0.1 * i, SE2.identity(), scan, STILL_NOISE))
+    still = swept_scan(true, np.zeros(3), 0.3, rng)
+    half = len(ANGLES_RAD) // 2
+    turning = swept_scan(true @ SE2.exp(-TURNING / 2.0), TURNING, 0.3, rng)
+    ranges_m = np.concatenate([still.ranges_m[:half], turning.ranges_m[half:]])
+    scan, true = replace(still, ranges_m=ranges_m), true @ SE2.exp(TURNING / 2.0)
+    estimate = robot.update(Measurement(0.3, SE2.exp(TURNING / 2.0), scan, STEP_COVARIANCE))
+    # chi-square(3) exceeds it once in a thousand; a change that is taken as even does
+    assert nees_of(estimate, true) < 16.3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"start_sigma_m": math.inf}, "start_sigma_m"),
+        ({"start_sigma_rad": 0.0}, "start_sigma_rad"),
+        ({"max_nis": 5.0}, "slip_nis"),
+        ({"match_scales": (2.0, 3.0)}, "match_scales"),
+        ({"sweep_s": math.nan}, "sweep_s"),
+    ],
+)
+def test_configuration_that_cannot_be_is_refused(wrong, said):
+    with pytest.raises(ValueError, match=said):
+        LocalizerConfig(**wrong)
