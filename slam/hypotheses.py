@@ -17,8 +17,9 @@ from slam.segment_map import SegmentMap
 class HypothesesConfig:
     """How `Hypotheses` carries places along, and when one is sure.
 
-    max_places: carried to the next scan. max_views: scans remembered. view_m, view_rad: a scan from
-    nearer than both to the last view replaces it: the same view twice is no second witness.
+    max_places: carried to the next scan. max_views: scans summed over. view_m, view_rad: of a scan
+    and the views from nearer to it than both, the scan alone counts, and is remembered where there
+    are none: the same view twice is no second witness.
     drift_m, drift_rad: by how much the wheels may be wrong between two views.
     min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
     share of what the best leaves unexplained. chosen on the Intel, ACES and
@@ -58,12 +59,12 @@ class Hypotheses:
         self.places: tuple[Hypothesis, ...] = ()
         self._relocalizer = relocalizer
         self._views: list[_View] = []
-        self._is_same_view = False
+        self._witnesses: list[_View] = []
 
     @property
     def views(self) -> int:
         """Scans that the likelihoods are sums over."""
-        return len(self._views)
+        return len(self._witnesses) + (1 if self._views else 0)
 
     def move(self, motion: SE2) -> None:
         """Carries all places along with the robot."""
@@ -107,18 +108,23 @@ class Hypotheses:
         return margin > needed
 
     def _see(self, beams: Beams) -> None:
-        if self._views:
-            last = self._views[-1].T_now_then
-            is_near = math.hypot(last.x, last.y) < self.config.view_m
-            if is_near and abs(last.theta) < self.config.view_rad:
-                self._views.pop()
-        self._views.append(_View(beams, SE2.identity()))
-        del self._views[: -self.config.max_views]
+        others = [view for view in self._views if not self._is_same(view)]
+        self._witnesses = others[max(len(others) - self.config.max_views + 1, 0) :]
+        # measured from where a view was first taken: replaced scan by scan, it would come along
+        # with a robot that turns slowly, and never be joined by another
+        if len(others) == len(self._views):
+            self._views.append(_View(beams, SE2.identity()))
+            del self._views[: -self.config.max_views]
+
+    def _is_same(self, view: _View) -> bool:
+        then = view.T_now_then
+        is_beside = math.hypot(then.x, then.y) < self.config.view_m
+        return is_beside and abs(then.theta) < self.config.view_rad
 
     def _joined(self, place: Hypothesis) -> Hypothesis:
-        """With what the earlier views say for the place."""
+        """With what the other views say for the place."""
         total = place.evidence.log_likelihood
-        for view in self._views[:-1]:
+        for view in self._witnesses:
             T_then = place.T_map_base @ view.T_now_then
             refined = self._relocalizer.refined(view.beams, T_then)
             if not refined.is_near(T_then, self.config.drift_m, self.config.drift_rad):

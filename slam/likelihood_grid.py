@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slam.arrays import BoolArray, FloatArray
+from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels.branch_and_bound import best_of_blocks, max_pooled
 from slam.se2 import SE2
 
@@ -87,21 +87,9 @@ class LikelihoodGrid:
         map without points, or one too large for memory.
         """
         config = config or SearchConfig()
-        if len(wall_points) == 0:
-            raise ValueError("the map has no walls: there is nothing to search in")
         cell = config.cell_m
-        lower = np.floor(wall_points.min(axis=0) / cell) * cell
-        upper = wall_points.max(axis=0)
-        side = 1 << config.top_level
-        inner = (np.ceil(np.ceil((upper - lower) / cell + 1e-9) / side) * side).astype(int)
-        reach_m = min(reach_m, float(np.hypot(*(upper - lower))) + cell)
-        pad = math.ceil(reach_m / cell) + side + 1
+        lower, inner, pad, reach_m = layout(wall_points, reach_m, config)
         columns, rows = (inner + 2 * pad).tolist()
-        if rows * columns * (config.top_level + 1) > _MAX_CELLS * 4:
-            raise ValueError(
-                f"a map of {inner[0] * cell:.0f} by {inner[1] * cell:.0f} m makes a grid of"
-                f" {rows} by {columns} cells, too large to search: choose a larger cell_m"
-            )
         x = lower[0] + (np.arange(columns) - pad + 0.5) * cell
         y = lower[1] + (np.arange(rows) - pad + 0.5) * cell
         distances_m = _distances(wall_points, x, y, 4.0 * config.sigma_m)
@@ -166,7 +154,7 @@ class LikelihoodGrid:
         step = config.cell_m / max(far_m, 1e-6)
         step = min(max(step, config.min_heading_step_rad), config.max_heading_step_rad)
         count = math.ceil(2.0 * math.pi / step)
-        return np.arange(count) * (2.0 * math.pi / count)
+        return np.asarray(np.arange(count) * (2.0 * math.pi / count), dtype=np.float64)
 
     def offsets(self, points: FloatArray, headings: FloatArray) -> NDArray[np.int32]:
         """(H, N) by how many cells of the flat grid each point lies off a position's cell."""
@@ -174,6 +162,32 @@ class LikelihoodGrid:
         columns = np.rint((c * points[:, 0] - s * points[:, 1]) / self.config.cell_m)
         rows = np.rint((s * points[:, 0] + c * points[:, 1]) / self.config.cell_m)
         return (rows * self.columns + columns).astype(np.int32)
+
+
+def layout(
+    wall_points: FloatArray, reach_m: float, config: SearchConfig
+) -> tuple[FloatArray, IntArray, int, float]:
+    """Lower left corner [m] and (columns, rows) of the inner part, cells around it, and the reach
+    [m] that they are for, of the grid of walls within the box of points (K, 2).
+
+    Raises ValueError as `LikelihoodGrid.of`.
+    """
+    if len(wall_points) == 0:
+        raise ValueError("the map has no walls: there is nothing to search in")
+    cell = config.cell_m
+    lower = np.floor(wall_points.min(axis=0) / cell) * cell
+    upper = wall_points.max(axis=0)
+    side = 1 << config.top_level
+    inner = (np.ceil(np.ceil((upper - lower) / cell + 1e-9) / side) * side).astype(np.int64)
+    reach_m = min(reach_m, float(np.hypot(*(upper - lower))) + cell)
+    pad = math.ceil(reach_m / cell) + side + 1
+    columns, rows = (inner + 2 * pad).tolist()
+    if rows * columns * (config.top_level + 1) > _MAX_CELLS * 4:
+        raise ValueError(
+            f"a map of {inner[0] * cell:.0f} by {inner[1] * cell:.0f} m makes a grid of"
+            f" {rows} by {columns} cells, too large to search: choose a larger cell_m"
+        )
+    return lower, inner, pad, reach_m
 
 
 def spread(points: FloatArray, cell_m: float, max_points: int, reach_m: float) -> FloatArray:

@@ -67,7 +67,10 @@ class GuardConfig:
     once in a million. slack: by which a fit may be worse than usual before the map is searched.
     patience: scans in a row that nothing explains before the robot says that it is lost.
     blocked_m, blocked_share: a laser of which that share of the beams ends so near is blocked.
-    min_hits: a scan of fewer says nothing. turn_rad: steps of looking around. Chosen, all of these.
+    min_hits: a scan of fewer says nothing. turn_rad: steps of looking around. drop: of the share that
+    fits, below its mean so far, that is not usual where a map is poor. recheck_drop, recheck_m: a scan
+    that was found to fit here best is not searched for again before it fits so much worse, or the
+    robot went so far. Chosen, all of these.
     """
 
     hypotheses: HypothesesConfig | None = None
@@ -80,6 +83,9 @@ class GuardConfig:
     blocked_share: float = 0.5
     min_hits: int = 20
     turn_rad: float = math.radians(40.0)
+    drop: float = 0.15
+    recheck_drop: float = 0.05
+    recheck_m: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -111,6 +117,9 @@ class Guard:
         self._limits: VerdictLimits | None = None
         self._lost_s: float | None = None
         self._unexplained = 0
+        self._mean_inliers = 1.0
+        self._judged = 0
+        self._checked: tuple[float, SE2] | None = None
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -160,15 +169,17 @@ class Guard:
         useless = self._useless(beams)
         if useless:
             return Judgement(Verdict(Status.UNSURE, (useless,)), None)
-        limits = self.limits(beams)
+        limits = self._usual(beams)
         has_pose = match.is_matched or match.status is MatchStatus.DEGENERATE
         T_now = match.T_map_base if has_pose else T_predicted
         evidence = self.relocalizer.at(beams, T_now).evidence
         misfits = self._misfits(evidence, limits)
         jump = self._jump(match, T_predicted, covariance) if has_pose else None
-        if jump is None and match.is_matched and not misfits:
-            self._unexplained = 0
-            return Judgement(Verdict(Status.TRACKING), match)
+        if jump is None and match.is_matched:
+            self._learn(evidence)
+            if not misfits or self._is_checked(evidence, T_now):
+                self._unexplained = 0
+                return Judgement(Verdict(Status.TRACKING, misfits), match)
         if jump is not None and match.is_matched and not misfits:
             slip = _slip(T_last, T_predicted, match.T_map_base)
             if slip:
@@ -192,6 +203,7 @@ class Guard:
             return self._lost(found, (reason, *misfits), matcher, beams, time_s)
         self._unexplained = 0
         # worse than usual, but best explained where the robot believes to be: people in the way
+        self._checked = evidence.inlier_ratio, T_now
         return Judgement(Verdict(Status.TRACKING, misfits), match)
 
     def _lost(
@@ -203,7 +215,7 @@ class Guard:
         time_s: float,
     ) -> Judgement:
         """Lost from now on; the best place is what the pose becomes, not yet believed."""
-        self.is_lost, self._lost_s, self._unexplained = True, time_s, 0
+        self.is_lost, self._lost_s, self._unexplained, self._checked = True, time_s, 0, None
         self._search = found
         if not found.places:
             return Judgement(Verdict(Status.LOST, reasons), None)
@@ -269,6 +281,30 @@ class Guard:
             )
         return tuple(found)
 
+    def take_limits(self, limits: VerdictLimits) -> None:
+        """Uses limits that another guard of the same map and laser has found."""
+        self._limits = limits
+
+    def _usual(self, beams: Beams) -> VerdictLimits:
+        """The limits of the map, made wider where its scans have fitted less than it promised."""
+        limits = self.limits(beams)
+        usual = min(limits.usual_inlier_ratio, self._mean_inliers - self.config.drop)
+        return replace(limits, usual_inlier_ratio=usual)
+
+    def _learn(self, evidence: Evidence) -> None:
+        self._judged += 1
+        share = 1.0 / min(self._judged, 50)
+        self._mean_inliers += share * (evidence.inlier_ratio - self._mean_inliers)
+
+    def _is_checked(self, evidence: Evidence, T_now: SE2) -> bool:
+        """Whether a search has lately found that such a scan fits best where the robot is."""
+        if self._checked is None:
+            return False
+        inlier_ratio, T_then = self._checked
+        went_m = math.hypot(T_now.x - T_then.x, T_now.y - T_then.y)
+        is_worse = evidence.inlier_ratio < inlier_ratio - self.config.recheck_drop
+        return not is_worse and went_m < self.config.recheck_m
+
     def _useless(self, beams: Beams) -> str:
         """Why a scan says nothing at all; empty where it may."""
         config, hits = self.config, beams.is_hit
@@ -285,11 +321,10 @@ class Guard:
         """That the match is farther from the prediction than wheels and laser explain, in words."""
         config = self.config
         innovation = (T_predicted.inverse() @ match.T_map_base).log()
-        floor = np.diag(np.square([config.jump_m, config.jump_m, config.jump_rad]))
-        own = np.zeros((3, 3))
+        bound = covariance + np.diag(np.square([config.jump_m, config.jump_m, config.jump_rad]))
         if match.information is not None and np.linalg.cond(match.information) < 1e12:
-            own = np.linalg.inv(match.information)
-        squared = float(innovation @ np.linalg.solve(covariance + floor + own, innovation))
+            bound = bound + np.linalg.inv(match.information)
+        squared = float(innovation @ np.linalg.solve(bound, innovation))
         if not squared > config.max_jump:
             return None
         off_m = math.hypot(innovation[0], innovation[1])

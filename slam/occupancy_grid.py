@@ -117,6 +117,11 @@ class OccupancyGrid:
         values[is_inside] = self.cells[tuple(rows_columns[is_inside].T)]
         return values
 
+    def is_free_at(self, points: ArrayLike) -> BoolArray:
+        """(N,) whether points (N, 2) [m], map frame, lie in cells known to be free."""
+        values = self.value_at(points)
+        return np.asarray((values >= 0) & (values <= _FREE_AT_MOST))
+
     def centres_of(self, rows_columns: ArrayLike) -> FloatArray:
         """(N, 2) the middles of cells [m], map frame; of such outside the grid as well.
 
@@ -197,29 +202,10 @@ class OccupancyGrid:
             raise ValueError(f"resolution_m must be above 0, not {resolution_m}")
         if not (math.isfinite(free_range_m) and free_range_m >= 0.0):
             raise ValueError(f"free_range_m must be finite and not negative, not {free_range_m}")
-        starts, ends, is_hit, firsts = _rays(scans, free_range_m)
-        if len(starts) == 0:
-            raise ValueError(
-                "no beam of the scans tells anything: no hit, nothing known to be free"
-            )
-        if not (np.isfinite(starts).all() and np.isfinite(ends).all()):
-            raise ValueError("the poses and beams of scans must be finite")
-        starts, ends = starts / resolution_m, ends / resolution_m
-        lower = np.floor(np.minimum(starts.min(axis=0), ends.min(axis=0)))
-        upper = np.floor(np.maximum(starts.max(axis=0), ends.max(axis=0)))
-        if not np.prod(upper - lower + 1.0) <= _MOST_CELLS:
-            width_m, height_m = (upper - lower + 1.0) * resolution_m
-            raise ValueError(
-                f"the beams span {width_m:.6g} x {height_m:.6g} m, too many cells of"
-                f" {resolution_m} m; cut the far ranges"
-            )
-        columns, rows = (upper - lower + 1.0).astype(np.int64)
-        hits, misses = np.zeros((2, rows, columns), dtype=np.int32)
-        count_cells(starts - lower, ends - lower, is_hit, firsts, hits, misses)
+        hits, misses, lower = _counted(scans, resolution_m, free_range_m)
         values = np.rint(OCCUPIED * expit(_HIT * hits + _MISS * misses)).astype(np.int8)
         values[(hits == 0) & (misses == 0)] = UNKNOWN
-        x, y = (lower * resolution_m).tolist()
-        return OccupancyGrid(values, resolution_m, SE2(x, y, 0.0))
+        return OccupancyGrid(values, resolution_m, SE2(lower[0], lower[1], 0.0))
 
     def _surface(self) -> IntArray:
         """(K, 2) row and column of the cells of `points`."""
@@ -242,6 +228,53 @@ class OccupancyGrid:
                 end[:, axis] = side[:, axis]
                 ends.append(self.centres_of(end))
         return np.concatenate([np.stack(ends[:2], axis=1), np.stack(ends[2:], axis=1)])
+
+
+def still_standing(
+    points: ArrayLike,
+    scans: Iterable[tuple[SE2, Beams]],
+    cell_m: float = 0.1,
+    least_share: float = 0.1,
+) -> BoolArray:
+    """(K,) which of points (K, 2) [m], map frame, were not seen through by most later looks.
+
+    scans: T_map_base and beams of those that made the points. A point stands where, of the scans
+    that looked at its cell, this share at least ended there. chosen: doors that were shut once and
+    people go; what stands on thin legs stays.
+    """
+    points = checked_points(points, "points")
+    hits, misses, lower = _counted(scans, cell_m, 0.0)
+    columns, rows = np.floor((points - lower) / cell_m).astype(np.int64).T
+    is_inside = (rows >= 0) & (rows < hits.shape[0]) & (columns >= 0) & (columns < hits.shape[1])
+    stands = np.ones(len(points), dtype=np.bool_)
+    rows, columns = rows[is_inside], columns[is_inside]
+    looked = np.maximum(hits[rows, columns] + misses[rows, columns], 1)
+    stands[is_inside] = hits[rows, columns] >= least_share * looked
+    return stands
+
+
+def _counted(
+    scans: Iterable[tuple[SE2, Beams]], resolution_m: float, free_range_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32], FloatArray]:
+    """Hits and misses (rows, columns) of each cell, and the grid's lower left corner (2,) [m]."""
+    starts, ends, is_hit, firsts = _rays(scans, free_range_m)
+    if len(starts) == 0:
+        raise ValueError("no beam of the scans tells anything: no hit, nothing known to be free")
+    if not (np.isfinite(starts).all() and np.isfinite(ends).all()):
+        raise ValueError("the poses and beams of scans must be finite")
+    starts, ends = starts / resolution_m, ends / resolution_m
+    lower = np.floor(np.minimum(starts.min(axis=0), ends.min(axis=0)))
+    upper = np.floor(np.maximum(starts.max(axis=0), ends.max(axis=0)))
+    if not np.prod(upper - lower + 1.0) <= _MOST_CELLS:
+        width_m, height_m = (upper - lower + 1.0) * resolution_m
+        raise ValueError(
+            f"the beams span {width_m:.6g} x {height_m:.6g} m, too many cells of"
+            f" {resolution_m} m; cut the far ranges"
+        )
+    columns, rows = (upper - lower + 1.0).astype(np.int64)
+    hits, misses = np.zeros((2, rows, columns), dtype=np.int32)
+    count_cells(starts - lower, ends - lower, is_hit, firsts, hits, misses)
+    return hits, misses, lower * resolution_m
 
 
 def _surfel_config(resolution_m: float) -> SurfelConfig:

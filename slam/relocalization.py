@@ -13,7 +13,7 @@ from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.evidence import Evidence, EvidenceConfig, evidence_of
 from slam.laser_model import LaserModel
-from slam.likelihood_grid import LikelihoodGrid, SearchConfig, spread
+from slam.likelihood_grid import LikelihoodGrid, SearchConfig, layout, spread
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2, wrap_angle
 from slam.segment_map import SegmentMap
@@ -87,8 +87,10 @@ class Relocalizer:
         """For a map of walls. is_free: where to search; None: in front of the walls."""
         config = config or RelocalizerConfig()
         cell_m = config.search.cell_m
-        points = segment_map.sampled(cell_m / 4.0)[0]
         reach_m = laser.range_max_m
+        # refuses a map too large before it is cut into pieces
+        layout(segment_map.segments.reshape(-1, 2), reach_m, config.search)
+        points = segment_map.sampled(cell_m / 4.0)[0]
         open_side = is_free or in_front_of(segment_map, cell_m)
         grid = LikelihoodGrid.of(points, reach_m, open_side, config.search)
         return Relocalizer(segment_map, surfels, grid, laser, config)

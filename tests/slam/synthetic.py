@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from slam.laser_model import LaserModel
 from slam.measurements import LaserScan
+from slam.range_noise import RangeNoise
+from slam.relocalization import FreeSpace, Relocalizer
 from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from slam.surfel_grid import SurfelGrid
 
 FloatArray = NDArray[np.float64]
 
@@ -73,3 +78,48 @@ def scan_of(
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def box(left_m: float, low_m: float, right_m: float, high_m: float) -> FloatArray:
+    """Four walls (4, 2, 2) about a rectangle, seen from outside."""
+    corners = np.array([[left_m, low_m], [left_m, high_m], [right_m, high_m], [right_m, low_m]])
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
+def room(left_m: float, low_m: float, right_m: float, high_m: float) -> FloatArray:
+    """Four walls (4, 2, 2) about a rectangle, seen from inside."""
+    return box(left_m, low_m, right_m, high_m)[:, ::-1]
+
+
+# One-sided, for the search of a whole map: 4 x 3 m with things that no turn brings over themselves
+CLUTTERED_ROOM = np.concatenate(
+    [
+        room(0.0, 0.0, 4.0, 3.0),
+        box(3.1, 2.2, 3.9, 2.9),
+        box(0.1, 1.1, 0.5, 1.9),
+        box(1.7, 0.1, 2.6, 0.4),
+        [[[2.2, 3.0], [1.2, 2.6]], [[1.2, 2.6], [1.1, 3.0]]],
+    ]
+)
+# Looks the same after half a turn about the origin
+SYMMETRIC_ROOM = room(-2.0, -1.5, 2.0, 1.5)
+
+
+def legs(T_map_laser: SE2, bearings_rad: ArrayLike, away_m: float = 0.8) -> FloatArray:
+    """Walls (S, 2, 2) of pairs of legs in the laser's way, 12 cm wide and 25 cm apart."""
+    walls = []
+    for bearing in np.asarray(bearings_rad):
+        for side in (-0.5, 0.5):
+            at = bearing + side * 0.25 / away_m
+            x, y = (T_map_laser @ (away_m * np.array([[np.cos(at), np.sin(at)]])))[0]
+            walls.append(box(x - 0.06, y - 0.06, x + 0.06, y + 0.06))
+    return np.concatenate(walls)
+
+
+def searcher(
+    walls: FloatArray, is_free: FreeSpace | None = None, range_max_m: float = 10.0
+) -> Relocalizer:
+    """The search of a map of one-sided walls (S, 2, 2), for a laser of 10 mm noise."""
+    segment_map = SegmentMap(walls, is_one_sided=True)
+    laser = LaserModel(RangeNoise(((1.0, 0.01),)), 0.02, range_max_m)
+    return Relocalizer.of(segment_map, SurfelGrid.of(segment_map), laser, is_free)
