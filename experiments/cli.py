@@ -28,7 +28,12 @@ app = typer.Typer(
 bench_app = typer.Typer()
 app.add_typer(bench_app, name="bench")
 
-Poses = Annotated[str, typer.Option(help="paper: one pair of poses; random: anywhere free.")]
+Poses = Annotated[
+    str,
+    typer.Option(
+        help="paper: one pair of poses; random: drawn in the free space; anywhere: kidnapped to anywhere."
+    ),
+]
 PlaceName = Annotated[str, typer.Option(help="A place by name, or the path of an MJCF file.")]
 Laser = Annotated[str, typer.Option(help="The laser range sensor carried.")]
 Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
@@ -198,10 +203,22 @@ def real_log(
     reference: Annotated[Path, typer.Option(help="Reference poses of its scans, TUM format.")],
     out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "real-log",
     method: Annotated[str, typer.Option(help="open3d, fast or limit.")] = "open3d",
+    protocol: Annotated[
+        str,
+        typer.Option(
+            help="tracked: odd scans followed on the map of the even ones; each: asked one by one, no"
+            " prior; jumps: second half, teleported, on the map of the first."
+        ),
+    ] = "tracked",
+    jumps: Annotated[int, typer.Option(min=1, help="How often the robot is teleported.")] = 10,
+    seed: Seed = 0,
 ) -> None:
-    """Maps a recorded log from the reference poses of its even scans, localises the odd ones."""
+    """Maps a recorded log from reference poses of some of its scans, localises the others."""
     from experiments import real_logs
     from experiments.figures import real_log_picture
+
+    if protocol != "tracked":
+        _relocalized_log(log, reference, out, method, protocol, jumps, seed)
 
     result = real_logs.run(log, reference, real_logs.RealLogConfig(method=method))
     real_logs.write_results(result, out)
@@ -210,6 +227,57 @@ def real_log(
     print(real_logs.table(summary))
     print(f"results and figures: {out}")
     raise typer.Exit(0 if summary["tracked"] == summary["scans"] else 1)
+
+
+@app.command()
+def localize(
+    known_map: Annotated[Path, typer.Argument(metavar="MAP", help="A ROS map, its .yaml file.")],
+    log: Annotated[Path, typer.Argument(help="A CARMEN log, gz or plain.")],
+    start: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Pose at the first scan: x y [m] and heading [rad]; else unknown."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "localize",
+    method: Annotated[str, typer.Option(help="open3d, fast or limit.")] = "limit",
+) -> None:
+    """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure."""
+    import math
+
+    from experiments import localize as localizing
+    from experiments.figures import localized_log_picture
+    from experiments.progress import ScanProgress
+    from slam.se2 import SE2
+
+    if start is not None and not all(map(math.isfinite, start)):
+        raise ValueError(f"--start takes three finite numbers, not {start}")
+    T_start = None if start is None else SE2(*start)
+    config = localizing.LocalizeConfig(method=method)
+    with ScanProgress(log.name) as progress:
+        result = localizing.run(known_map, log, T_start, config, progress.update)
+    localizing.write_results(result, out)
+    localized_log_picture(out, result)
+    print(localizing.table(result.summary()))
+    print(f"results and figures: {out}")
+
+
+def _relocalized_log(
+    log: Path, reference: Path, out: Path, method: str, protocol: str, jumps: int, seed: int
+) -> None:
+    """`real-log` where the start is unknown; exits with 1 if a wrong place was believed."""
+    from experiments import real_relocalization
+    from experiments.progress import ScanProgress
+    from experiments.real_logs import RealLogConfig
+
+    config = RealLogConfig(method=method)
+    with ScanProgress(log.name) as progress:
+        result = real_relocalization.run(
+            log, reference, protocol, config, jumps, seed, progress.update
+        )
+    real_relocalization.write_results(result, out)
+    summary = result.summary()
+    print(real_relocalization.table(summary))
+    print(f"results: {out}")
+    raise typer.Exit(1 if summary["sure_elsewhere"] else 0)
 
 
 def _config(

@@ -2,46 +2,176 @@
 
 The robot finds itself at (1), is carried to (2) by hand, its wheels held by the motors, and has to
 find itself again: its encoders tell nothing of the way. The paper's protocol repeats one pair of
-poses; random ones start anywhere in the free space, wherever (2) is free as well.
+poses; random ones start anywhere in the free space, wherever (2) is free as well; `anywhere` draws
+(2) too, in any heading. Methods that know when they are lost may look up to six times, turning on
+the spot in between where that tells more; the others have their one scan at (2).
 """
+
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from experiments.bounds import scan_bound
 from experiments.localization import in_view, make_localizers, start_poses, update_all
+from experiments.methods import KnownPlace
 from experiments.paper import KIDNAP_MOTION
 from experiments.sources import MeasurementSource
-from experiments.trials import TrialConfig, TrialResult
+from experiments.trials import Outcome, TrialConfig, TrialResult
+from kitasap_sim.drive import Pilot
 from kitasap_sim.hand import Operator, kidnap
 from kitasap_sim.places import Place
+from kitasap_sim.simulation import Simulation
+from slam.beams import Beams
+from slam.localization import Localizer
+from slam.lost import Status
+from slam.measurements import Measurement
 
 NAME = "kidnap"
+MAX_LOOKS = 6
+"""Scans after the kidnap within which a method has to be sure."""
 _MAX_DRAWS = 10_000
 _HAND_MARGIN_M = 0.05
 """Room left around (2) for the operator's inaccuracy: five of its standard deviations."""
+_CLEAR_OF_PEOPLE_M = 0.5
+"""Nobody stays where the robot is set down."""
 
 
-def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrialResult:
-    """One trial: every method gets the same two measurements; the outcomes are those at (2)."""
+@dataclass(frozen=True)
+class KidnapResult(TrialResult):
+    """One kidnap. looks: by method, what each scan after it brought, until the method was sure."""
+
+    looks: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    false_alarms: dict[str, bool] = field(default_factory=dict)
+    lost_scores: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """By method, what the scans before and after say for the pose believed: for the ROC."""
+
+    def record(self) -> dict[str, Any]:
+        """The trial as plain numbers, with what each look brought."""
+        record = super().record()
+        for name, looks in self.looks.items():
+            record["methods"][name] |= {
+                "detected": looks[0]["verdict"] != Status.TRACKING.value,
+                "false_alarm": self.false_alarms[name],
+                "lost_scores": self.lost_scores[name],
+                "looks": looks,
+            }
+        return record
+
+
+def run_trial(config: TrialConfig, rng: np.random.Generator) -> KidnapResult:
+    """One trial: every method gets the same measurements, until it is sure."""
     known, (pose_rng, simulation_rng) = config.known_place, rng.spawn(2)
     simulation = config.simulation(simulation_rng)
     pose, believed = _start_with_free_target(config, simulation.world, pose_rng)
     simulation.reset(pose)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
-    localizers = make_localizers(config, believed)
+    localizers = make_localizers(config, believed, may_be_lost=True)
     before = source.measurement(simulation.next_frame())
     true_before = simulation.truth().pose
-    update_all(config, localizers, before, true_before)
-    nominal = believed if config.poses == "paper" else pose
-    kidnap(simulation, Operator().aimed(nominal + KIDNAP_MOTION, pose_rng))
-    after = source.measurement(simulation.next_frame())
-    true = simulation.truth().pose
-    outcomes, cpu_s = update_all(config, localizers, after, true)
-    bound = scan_bound(known, config.true_laser, after.scan, true)
-    scans = [before.scan, after.scan]
-    return TrialResult(
-        [true_before, true], outcomes, simulation.time_s, bound, cpu_s, scans, in_view(simulation)
-    )
+    scores = {name: {"before": _score(known, one, before)} for name, one in localizers.items()}
+    at_first, _ = update_all(config, localizers, before, true_before)
+    alarms = {name: o.verdict.status is Status.LOST for name, o in at_first.items()}
+    kidnap(simulation, _target(config, simulation.world, pose, believed, pose_rng))
+    legs_m = simulation.people_m().reshape(-1, 2) - simulation.truth().pose[:2]
+    if (np.hypot(*legs_m.T) < _CLEAR_OF_PEOPLE_M).any():
+        simulation.scatter_people()
+    looks = _Looks(config, simulation, source, localizers)
+    looks.take(scores)
+    bound = scan_bound(known, config.true_laser, looks.measurement.scan, looks.true)
+    seen = in_view(simulation)
+    while looks.is_wanted:
+        looks.turn()
+        looks.take()
+    return KidnapResult(
+        [true_before, looks.true], looks.outcomes, simulation.time_s, bound, looks.cpu_s,
+        [before.scan, looks.measurement.scan], seen, looks.records,
+        {name: alarms[name] for name in looks.records}, scores,
+    )  # fmt: skip
+
+
+class _Looks:
+    """The scans after a kidnap, one after the other, to those methods that are not sure yet."""
+
+    def __init__(
+        self,
+        config: TrialConfig,
+        simulation: Simulation,
+        source: MeasurementSource,
+        localizers: dict[str, Localizer],
+    ) -> None:
+        self._config, self._simulation, self._source = config, simulation, source
+        self._localizers = localizers
+        self._waiting = dict(localizers)
+        self.outcomes: dict[str, Outcome] = {}
+        self.cpu_s: dict[str, float] = {}
+        self.records: dict[str, list[dict[str, Any]]] = {
+            name: [] for name, localizer in localizers.items() if localizer.guard is not None
+        }
+        self.measurement: Measurement
+        self.true: np.ndarray
+        self._count = 0
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether some method is not sure, and may look once more."""
+        return bool(self._waiting) and self._count < MAX_LOOKS
+
+    def take(self, scores: dict[str, dict[str, Any]] | None = None) -> None:
+        """One more scan; scores: to be noted what it says for the poses believed so far."""
+        self.measurement = self._source.measurement(self._simulation.next_frame())
+        for name, noted in (scores or {}).items():
+            known = self._config.known_place
+            noted["after"] = _score(known, self._localizers[name], self.measurement)
+        self.true = self._simulation.truth().pose
+        outcomes, cpu_s = update_all(self._config, self._waiting, self.measurement, self.true)
+        self._count += 1
+        self.outcomes |= outcomes
+        self.cpu_s = cpu_s | self.cpu_s  # of the first look: the search
+        for name, outcome in outcomes.items():
+            if name in self.records:
+                self.records[name].append(_look(outcome, self.true))
+            if name not in self.records or outcome.verdict.status is Status.TRACKING:
+                del self._waiting[name]
+
+    def turn(self) -> None:
+        """On the spot, to where a method that is not sure expects to learn most."""
+        for localizer in self._waiting.values():
+            turn_rad = localizer.telling_turn_rad()
+            if turn_rad:
+                break
+        else:
+            return
+        for frame in Pilot(self._simulation).turn(turn_rad):
+            passed = self._source.measurement(frame)
+            for localizer in self._waiting.values():
+                localizer.move(passed.time_s, passed.motion, passed.motion_covariance)
+
+
+def _score(known: KnownPlace, localizer: Localizer, measurement: Measurement) -> dict[str, Any]:
+    """What a scan says for the pose where a method believes to be, before it looks."""
+    T_predicted = localizer.T_map_base @ measurement.motion
+    beams = Beams.of(measurement.scan, known.T_base_laser)
+    evidence = known.relocalizer.at(beams, T_predicted).evidence
+    return {
+        "inlier_ratio": evidence.inlier_ratio,
+        "log_likelihood": evidence.log_likelihood,
+        "violation_ratio": evidence.violation_ratio,
+    }
+
+
+def _look(outcome: Outcome, true: np.ndarray) -> dict[str, Any]:
+    """What one scan brought: the verdict, the places it may be, and which of them is right."""
+    places = outcome.verdict.hypotheses
+    return {
+        "verdict": outcome.verdict.status.value,
+        "reasons": list(outcome.verdict.reasons),
+        "is_near": outcome.is_near,
+        "true_pose": true.tolist(),
+        "places": [
+            [*place.T_map_base.as_array().tolist(), place.log_likelihood] for place in places[:4]
+        ],
+    }
 
 
 def checked(config: TrialConfig) -> TrialConfig:
@@ -52,6 +182,20 @@ def checked(config: TrialConfig) -> TrialConfig:
     return config
 
 
+def _target(
+    config: TrialConfig,
+    place: Place,
+    pose: np.ndarray,
+    believed: np.ndarray,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """(3,) where the hand goes."""
+    if config.poses == "anywhere":
+        return place.draw_free_pose(rng)
+    nominal = believed if config.poses == "paper" else pose
+    return Operator().aimed(nominal + KIDNAP_MOTION, rng)
+
+
 def _start_with_free_target(
     config: TrialConfig, place: Place, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -59,6 +203,8 @@ def _start_with_free_target(
 
     Raises ValueError if the place has no such pose.
     """
+    if config.poses == "anywhere":
+        return start_poses(config, place, rng)
     for _ in range(_MAX_DRAWS if config.poses == "random" else 1):
         pose, believed = start_poses(config, place, rng)
         if _is_free_around(place, (pose + KIDNAP_MOTION)[:2]):
@@ -66,7 +212,7 @@ def _start_with_free_target(
     raise ValueError(
         f"place {place.name}: nothing is free 1 m lower in y than "
         + ("its start" if config.poses == "paper" else "any free pose")
-        + "; the robot cannot be kidnapped as in the paper there"
+        + "; the robot cannot be kidnapped as in the paper there, but --poses anywhere works"
     )
 
 

@@ -67,15 +67,21 @@ def start_error(config: TrialConfig, rng: np.random.Generator) -> np.ndarray:
 
 
 def make_localizers(
-    config: TrialConfig, believed: np.ndarray, *, is_tracking: bool = False
+    config: TrialConfig,
+    believed: np.ndarray,
+    *,
+    is_tracking: bool = False,
+    may_be_lost: bool = False,
 ) -> dict[str, Localizer]:
     """A localizer of its own for each method, all with the same belief (3,) of the pose.
 
-    is_tracking: they will see every scan.
+    is_tracking: they will see every scan. may_be_lost: those that can are asked for a verdict.
     """
     known, T_believed = config.known_place, SE2.from_array(believed)
     return {
-        name: METHODS[name].localizer(known, T_believed, is_tracking=is_tracking)
+        name: METHODS[name].localizer(
+            known, T_believed, is_tracking=is_tracking, may_be_lost=may_be_lost
+        )
         for name in config.methods
     }
 

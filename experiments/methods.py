@@ -12,6 +12,7 @@ from slam.icp import CoarseToFineConfig
 from slam.laser_model import LaserModel
 from slam.lines import LineMap
 from slam.localization import Localizer, LocalizerConfig
+from slam.lost import Guard
 from slam.matchers import (
     FastMatcher,
     LimitMatcher,
@@ -22,6 +23,7 @@ from slam.matchers import (
     PaperMatcher,
 )
 from slam.point_map import PointMap
+from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
@@ -63,6 +65,11 @@ class KnownPlace:
         """The surface nearest to each spot."""
         return SurfelGrid.of(self.segment_map)
 
+    @cached_property
+    def relocalizer(self) -> Relocalizer:
+        """The search of the whole map."""
+        return Relocalizer.of(self.segment_map, self.surfel_grid, self.laser_model)
+
     @property
     def laser_model(self) -> LaserModel:
         """What is assumed of the laser."""
@@ -81,13 +88,22 @@ class Method:
     config: LocalizerConfig = field(default_factory=LocalizerConfig)
     tracker: Callable[[KnownPlace], Matcher] | None = None
     """The same where the prediction is never far off; None: no need of another."""
+    finds_itself: bool = False
+    """Whether it is given the search of the whole map, and says when it is lost."""
 
     def localizer(
-        self, known: KnownPlace, believed: SE2, *, is_tracking: bool = False
+        self,
+        known: KnownPlace,
+        believed: SE2,
+        *,
+        is_tracking: bool = False,
+        may_be_lost: bool = False,
     ) -> Localizer:
-        """A localizer that believes to stand at a pose; is_tracking: and sees every scan."""
+        """A localizer that believes to stand at a pose; is_tracking: and sees every scan;
+        may_be_lost: and is guarded, if the method is one that finds itself."""
         make = (self.tracker if is_tracking else None) or self.matcher
-        return Localizer(make(known), believed, known.T_base_laser, self.config)
+        guard = Guard(known.relocalizer) if may_be_lost and self.finds_itself else None
+        return Localizer(make(known), believed, known.T_base_laser, self.config, guard)
 
 
 def _fast(known: KnownPlace) -> FastMatcher:
@@ -111,9 +127,10 @@ METHODS: dict[str, Method] = {
         tracker=lambda known: Open3dMatcher(
             known.point_map, CoarseToFineConfig(start_headings_rad=(0.0,)), known.laser_model.noise
         ),
+        finds_itself=True,
     ),
-    "fast": Method(_fast),
-    "limit": Method(_limit),
+    "fast": Method(_fast, finds_itself=True),
+    "limit": Method(_limit, finds_itself=True),
     "limit_unfused": Method(_limit, LocalizerConfig(fuse=False)),
     "limit_skewed": Method(_limit, LocalizerConfig(deskew=False)),
 }

@@ -1,11 +1,14 @@
-"""Live progress of a run: how many trials are done, and how many of them each method won."""
+"""Live progress: of a run's trials and how many of them each method won, of a log's scans."""
 
 import sys
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+if TYPE_CHECKING:
+    from slam.localization import Estimate
 
 
 class TrialProgress:
@@ -53,3 +56,36 @@ class TrialProgress:
     def _text(self) -> str:
         won = ", ".join(f"{name} {count}" for name, count in self._successes.items())
         return f"succeeded: {won}" + (f"; raised: {self._raised}" if self._raised else "")
+
+
+class ScanProgress:
+    """A progress bar over the scans of a log, on a terminal; with the last verdict where there is one."""
+
+    def __init__(self, name: str) -> None:
+        self._bar = Progress(
+            TextColumn(name),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[verdict]}"),
+            console=Console(stderr=True),
+            disable=not sys.stderr.isatty(),
+        )
+        self._task = self._bar.add_task(name, total=None, verdict="")
+
+    def __enter__(self) -> "ScanProgress":
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def update(self, index: int, scans: int, estimate: "Estimate | None" = None) -> None:
+        """One more scan of so many is done."""
+        verdict = "" if estimate is None else estimate.verdict.status.value
+        self._bar.update(self._task, completed=index + 1, total=scans, verdict=verdict)

@@ -19,6 +19,7 @@ from typing import Any
 
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
+from experiments.recovery import recovery_figures
 from experiments.statistics import summarised
 from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
@@ -133,7 +134,8 @@ class Run:
             "paper_values": PAPER_VALUES.get(self.experiment),
         }
         if self.experiment == "kidnap":
-            _add_kidnap_figures(summary["methods"], timings)
+            for name, figures in summary["methods"].items():
+                figures |= recovery_figures(records, timings, name)
         write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         return summary
 
@@ -202,17 +204,3 @@ def _exit_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-def _add_kidnap_figures(methods: dict[str, Any], timings: list[dict[str, Any]]) -> None:
-    """Processor time of each method's search after the kidnap, and what later work fills in."""
-    import numpy as np
-
-    for name, summary in methods.items():
-        summary |= dict.fromkeys(("detected_rate", "false_alarms", "unsure_rate"))
-        summary["scans_to_recover"] = {"median": None, "max": None}
-        times_ms = [1000 * timing["methods"][name] for timing in timings if "methods" in timing]
-        summary["query_cpu_ms"] = {
-            "median": float(np.median(times_ms)) if times_ms else None,
-            "p99": float(np.quantile(times_ms, 0.99)) if times_ms else None,
-        }

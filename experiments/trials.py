@@ -21,12 +21,13 @@ from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2, odometry_preset
 from kitasap_sim.simulation import Simulation
 from slam.localization import Estimate
+from slam.lost import Status, Verdict
 from slam.measurements import LaserScan
 from slam.open3d_backend import load_open3d
 from slam.scan_match import ScanMatch
 from slam.se2 import SE2, wrap_angle
 
-Poses = Literal["paper", "random"]
+Poses = Literal["paper", "random", "anywhere"]
 MAX_TURN_RATE_RADPS = 1.5
 """Chosen: faster, the tires slip."""
 _DISOWNED = ("LOST", "NOT_CONVERGED", "DEGENERATE")
@@ -40,7 +41,7 @@ class TrialConfig:
     """All that the outcome of a trial depends on, but its random numbers.
 
     poses: `paper` repeats one pair of poses with fresh noise; `random` draws them anywhere in the
-    free space. start_error_m, start_error_rad: how wrong the robot's belief is at a random start,
+    free space; `anywhere`, of a kidnap, sets the robot down anywhere too. start_error_m, start_error_rad: how wrong the robot's belief is at a random start,
     uniform to either side on each axis. people: walk about meanwhile. mismatch: in what the
     simulated robot and world differ from what is assumed, see `experiments.worlds`. turn_rate_radps,
     duration_s: of tracking. A trial succeeds within success_m and success_rad.
@@ -123,8 +124,10 @@ class Outcome:
     error: np.ndarray
     match: ScanMatch
     is_success: bool
+    is_near: bool = False
     nees: float | None = None
     warnings: tuple[str, ...] = ()
+    verdict: Verdict = field(default_factory=lambda: Verdict(Status.TRACKING))
 
     @classmethod
     def of(cls, estimate: Estimate, true: np.ndarray, config: TrialConfig) -> "Outcome":
@@ -137,13 +140,21 @@ class Outcome:
         if estimate.covariance is not None and estimate.covariance.any():
             tangent = (T_map_base.inverse() @ SE2.from_array(true)).log()
             claimed = nees(tangent, estimate.covariance)
-        is_success = bool(is_near and estimate.match.status.name not in _DISOWNED)
-        return cls(T_map_base, error, estimate.match, is_success, claimed, estimate.warnings)
+        is_disowned = estimate.match.status.name in _DISOWNED
+        # odometry says of no pose that it is sure, and is judged by where it is all the same
+        is_unsure = estimate.verdict.status is not Status.TRACKING and estimate.match.is_matched
+        is_success = bool(is_near and not is_disowned and not is_unsure)
+        return cls(
+            T_map_base, error, estimate.match, is_success, bool(is_near), claimed, estimate.warnings,
+            estimate.verdict,
+        )  # fmt: skip
 
     def record(self) -> dict[str, Any]:
         """The outcome as plain numbers; errors in metres and radians."""
         return {
             "status": self.match.status.value,
+            "verdict": self.verdict.status.value,
+            "reasons": list(self.verdict.reasons),
             "success": self.is_success,
             "x_m": self.T_map_base.x,
             "y_m": self.T_map_base.y,

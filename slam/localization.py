@@ -12,11 +12,18 @@ from slam.beams import Beams
 from slam.consistency import InnovationMonitor
 from slam.deskew import BodyMotion, SweepClock, deskewed
 from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held, mixed
+from slam.lost import Guard, Judgement, Status, Verdict, verdict_of
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 
+_FROZEN = "the scan is the last one bit for bit: the laser has frozen"
+_UNUSED = {
+    Status.TRACKING: MatchStatus.NOT_ATTEMPTED,
+    Status.UNSURE: MatchStatus.NOT_ATTEMPTED,
+    Status.LOST: MatchStatus.LOST,
+}
 _DIMENSIONS = 3.0
 """Mean of a normalised innovation squared of as many numbers."""
 _LATE = 9.0
@@ -81,7 +88,8 @@ class Estimate:
     T_map_base: the pose matched, fused with the prediction where the match knows its covariance;
     or the predicted one where nothing matched. covariance: (3, 3) of its tangent (x, y, theta) in
     the base frame, or None where the method claims nothing. nis: normalised innovation squared of
-    the match. warnings: what does not fit map, laser or wheels, in words.
+    the match. warnings: what does not fit map, laser or wheels, in words. verdict: whether the pose is to
+    be believed, and why not; without a `Guard`, what the match says of itself.
     """
 
     time_s: float
@@ -91,6 +99,7 @@ class Estimate:
     covariance: FloatArray | None = None
     nis: float | None = None
     warnings: tuple[str, ...] = ()
+    verdict: Verdict = field(default_factory=lambda: Verdict(Status.TRACKING))
 
     @property
     def is_matched(self) -> bool:
@@ -99,15 +108,26 @@ class Estimate:
 
 
 class Localizer:
-    """Follows a robot on a known map. `T_map_base` is its pose at the last measurement."""
+    """Follows a robot on a known map. `T_map_base` is its pose at the last measurement.
+
+    With a guard it knows when it is lost, and finds itself again anywhere on the map; it may then
+    also start without a pose. Raises ValueError for a start without a pose and without a guard.
+    """
 
     def __init__(
         self,
         matcher: Matcher,
-        T_map_base: SE2,
+        T_map_base: SE2 | None,
         T_base_laser: SE2,
         config: LocalizerConfig | None = None,
+        guard: Guard | None = None,
     ) -> None:
+        if T_map_base is None and guard is None:
+            raise ValueError("a start without a pose needs a guard, which searches the map")
+        self.guard = guard
+        if guard is not None and T_map_base is None:
+            guard.is_lost = True
+        T_map_base = SE2.identity() if T_map_base is None else T_map_base
         self.matcher = matcher
         self.T_base_laser = T_base_laser
         self.config = config or LocalizerConfig()
@@ -132,21 +152,21 @@ class Localizer:
     def update(self, measurement: Measurement) -> Estimate:
         """One pass of Fig. 2. Without a match the prediction stands."""
         motion, noise = measurement.motion, measurement.motion_covariance
-        duration_s = self._clock.duration_s(measurement.time_s, motion)
+        T_last, duration_s = self.T_map_base, self._clock.duration_s(measurement.time_s, motion)
         moved = self._filter.predict(motion, duration_s, noise)  # step 1
         self._viewpoint.move(moved)
         T_predicted = self.T_map_base
-        said: tuple[str, ...] = ()
-        self._take_motion(measurement, moved, duration_s)
-        if self._is_repeated(measurement):
-            # the same noise twice is no second look: it would be counted as one
-            match = ScanMatch(T_predicted, MatchStatus.NOT_ATTEMPTED)
-        else:
-            self._late = np.zeros((3, 3))
-            match, said = self._straightened(measurement.scan)  # steps 2 to 7
+        self._take_motion(measurement.time_s, measurement.scan.beam_times_s, moved, duration_s)
+        judged, said = self._judged(measurement, T_last, moved)
+        # a match that is not to be used leaves the prediction as it is
+        match = judged.match or ScanMatch(T_predicted, _UNUSED[judged.verdict.status])
         self._last = measurement
         scale = self._match_scale
-        nis = self._correct(match)
+        if judged.is_restart:
+            nis = None
+            self._restart(match)
+        else:
+            nis = self._correct(match)
         fit = match.fit if match.is_matched else None
         # as it would be had the matches' covariances not been widened to fit
         unscaled = None if nis is None else nis * scale
@@ -156,8 +176,64 @@ class Localizer:
         covariance = None if self._claims_nothing else self._filter.covariance + self._late
         return Estimate(
             measurement.time_s, T_predicted, self.T_map_base, match, covariance, nis,
-            self._monitor.warnings + said,
+            self._monitor.warnings + said, judged.verdict,
         )  # fmt: skip
+
+    def move(self, time_s: float, motion: SE2, motion_covariance: FloatArray) -> None:
+        """Follows the wheels to a time without a scan, as `update` would first do."""
+        duration_s = self._clock.duration_s(time_s, motion)
+        moved = self._filter.predict(motion, duration_s, motion_covariance)
+        self._viewpoint.move(moved)
+        self._take_motion(time_s, None, moved, duration_s)
+        if self.guard is not None:
+            self.guard.carry(moved)
+
+    def telling_turn_rad(self) -> float:
+        """The turn on the spot [rad] after which a scan would tell most of where the robot is.
+
+        0 where none is needed, or nothing searches the map.
+        """
+        if self.guard is None or self._last is None:
+            return 0.0
+        return self.guard.telling_turn_rad(self._beams_of(self._last.scan))
+
+    def _judged(
+        self, measurement: Measurement, T_last: SE2, moved: SE2
+    ) -> tuple[Judgement, tuple[str, ...]]:
+        """The scan matched, and what to make of it; while lost, searched for all over the map.
+        What is to be said of the scan itself as well."""
+        guard, T_predicted, scan = self.guard, self.T_map_base, measurement.scan
+        if self._is_repeated(measurement):
+            # the same noise twice is no second look: it would be counted as one
+            if guard is not None:
+                guard.carry(moved)
+            return Judgement(Verdict(Status.UNSURE, (_FROZEN,)), None), ()
+        self._late = np.zeros((3, 3))
+        if guard is not None and guard.is_lost:
+            beams = self._beams_of(scan)
+            return guard.search(beams, moved, self.matcher, measurement.time_s), ()
+        match, said = self._straightened(scan)  # steps 2 to 7
+        if guard is None:
+            return Judgement(verdict_of(match), match), said
+        judged = guard.judge(
+            self._beams_of(scan), match, self.matcher, T_last, T_predicted,
+            self._filter.covariance, measurement.motion_covariance, measurement.time_s,
+        )  # fmt: skip
+        return judged, said
+
+    def _beams_of(self, scan: LaserScan) -> Beams:
+        """The beams of a scan, straightened by the motion where it is known, freed of the offset."""
+        if self._motion is None or scan.beam_times_s is None or not self.config.deskew:
+            return Beams.of(scan, self.T_base_laser).shortened(self._offset_m)
+        return deskewed(scan, self.T_base_laser, self._motion).shortened(self._offset_m)
+
+    def _restart(self, match: ScanMatch) -> None:
+        """The pose is the match's, whatever was believed before."""
+        known = match.information
+        self._claims_nothing = known is None
+        covariance = np.zeros((3, 3)) if known is None else covariance_held(known)
+        self._filter.restart(match.T_map_base, covariance)
+        self._viewpoint.take(is_anew=True)
 
     def _correct(self, match: ScanMatch) -> float | None:
         """The match made part of the pose; its normalised innovation squared, if it has one."""
@@ -196,9 +272,11 @@ class Localizer:
         scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
         self._match_scale = min(max(scale, low), high)
 
-    def _take_motion(self, measurement: Measurement, moved: SE2, duration_s: float) -> None:
+    def _take_motion(
+        self, time_s: float, beam_times_s: FloatArray | None, moved: SE2, duration_s: float
+    ) -> None:
         """Notes the motion up to a stamp; none where it is not known how long it took."""
-        end_s, times_s = measurement.time_s, measurement.scan.beam_times_s
+        end_s, times_s = time_s, beam_times_s
         if times_s is None or not len(times_s):
             pass
         elif self._clock.is_told:

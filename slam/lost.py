@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,7 +65,8 @@ class GuardConfig:
 
     hypotheses: None: what suits the map. jump_m, jump_rad: standard deviations of a match beside what it claims, when its innovation is
     judged; max_jump: normalised innovation squared that no wheel explains: 30 is exceeded by chance
-    once in a million. slack: by which a fit may be worse than usual before the map is searched.
+    once in a million. slip_scans, slip_m, slip_rad: over so many scans wheels and scans may differ by
+    so much, and by what the wheels' own noise explains. slack: by which a fit may be worse than usual before the map is searched.
     patience: scans in a row that nothing explains before the robot says that it is lost.
     blocked_m, blocked_share: a laser of which that share of the beams ends so near is blocked.
     min_hits: a scan of fewer says nothing. turn_rad: steps of looking around. drop: of the share that
@@ -77,6 +79,9 @@ class GuardConfig:
     jump_m: float = 0.03
     jump_rad: float = math.radians(1.2)
     max_jump: float = 30.0
+    slip_scans: int = 10
+    slip_m: float = 0.05
+    slip_rad: float = math.radians(3.0)
     slack: float = 0.02
     patience: int = 3
     blocked_m: float = 0.2
@@ -120,6 +125,7 @@ class Guard:
         self._mean_inliers = 1.0
         self._judged = 0
         self._checked: tuple[float, SE2] | None = None
+        self._way: deque[tuple[SE2, SE2, FloatArray]] = deque(maxlen=self.config.slip_scans)
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -141,6 +147,7 @@ class Guard:
 
     def carry(self, moved: SE2) -> None:
         """Takes a motion without a scan that says anything."""
+        self._way.clear()
         if self.is_lost:
             self._search.move(moved)
 
@@ -162,12 +169,14 @@ class Guard:
         T_last: SE2,
         T_predicted: SE2,
         covariance: FloatArray,
+        noise: FloatArray,
         time_s: float,
     ) -> Judgement:
         """While tracking: whether to believe a match, given the pose before the wheels moved, the
-        one that they predict, and its covariance (3, 3)."""
+        one that they predict, its covariance (3, 3), and that (3, 3) of their last motion."""
         useless = self._useless(beams)
         if useless:
+            self._way.clear()
             return Judgement(Verdict(Status.UNSURE, (useless,)), None)
         limits = self._usual(beams)
         has_pose = match.is_matched or match.status is MatchStatus.DEGENERATE
@@ -177,6 +186,9 @@ class Guard:
         jump = self._jump(match, T_predicted, covariance) if has_pose else None
         if jump is None and match.is_matched:
             self._learn(evidence)
+            slip = self._slipping(T_last.inverse() @ T_predicted, T_now, noise)
+            if slip:
+                return Judgement(Verdict(Status.UNSURE, (slip, *misfits)), match)
             if not misfits or self._is_checked(evidence, T_now):
                 self._unexplained = 0
                 return Judgement(Verdict(Status.TRACKING, misfits), match)
@@ -198,6 +210,7 @@ class Guard:
         if evidence.inlier_ratio < limits.wrong_inlier_ratio or not match.is_matched:
             self._unexplained += 1
             reason = "nothing on the map explains the scan"
+            self._way.clear()
             if self._unexplained < self.config.patience:
                 return Judgement(Verdict(Status.UNSURE, (reason, *misfits)), None)
             return self._lost(found, (reason, *misfits), matcher, beams, time_s)
@@ -216,6 +229,7 @@ class Guard:
     ) -> Judgement:
         """Lost from now on; the best place is what the pose becomes, not yet believed."""
         self.is_lost, self._lost_s, self._unexplained, self._checked = True, time_s, 0, None
+        self._way.clear()
         self._search = found
         if not found.places:
             return Judgement(Verdict(Status.LOST, reasons), None)
@@ -249,6 +263,10 @@ class Guard:
                 f"another place fits nearly as well: log-likelihood margin {search.margin:.1f}"
                 f" of {search.margin_needed:.1f} needed, after {search.views} views"
             )
+        if search.views < search.config.min_views:
+            doubts.append(
+                f"seen from {search.views} of {search.config.min_views} places needed on such a map"
+            )
         if match.status is MatchStatus.DEGENERATE:
             doubts.append("the scan leaves a direction open")
         elif not match.is_matched:
@@ -263,7 +281,7 @@ class Guard:
         recovery_s = time_s - (time_s if self._lost_s is None else self._lost_s)
         self.is_lost, self._lost_s = False, None
         self._search = Hypotheses(self.relocalizer, config)
-        verdict = Verdict(Status.TRACKING, tuple(reasons), (best,), recovery_s)
+        verdict = Verdict(Status.TRACKING, tuple(reasons), places, recovery_s)
         return Judgement(verdict, match, is_restart=True)
 
     def _misfits(self, evidence: Evidence, limits: VerdictLimits) -> tuple[str, ...]:
@@ -284,6 +302,22 @@ class Guard:
     def take_limits(self, limits: VerdictLimits) -> None:
         """Uses limits that another guard of the same map and laser has found."""
         self._limits = limits
+
+    def _slipping(self, told: SE2, T_now: SE2, noise: FloatArray) -> str:
+        """That wheels and scans have gone different ways over the last scans, in words; or nothing."""
+        way, config = self._way, self.config
+        way.append((T_now, told, noise))
+        motion = SE2.identity()
+        bound = 2.0 * np.diag(np.square([0.01, 0.01, 0.01]))
+        for _, step, spread in list(way)[1:]:
+            motion, bound = motion @ step, bound + spread
+        seen = way[0][0].inverse() @ T_now
+        off = (motion.inverse() @ seen).log()
+        if math.hypot(off[0], off[1]) < config.slip_m and abs(off[2]) < config.slip_rad:
+            return ""
+        if float(off @ np.linalg.solve(bound, off)) < config.max_jump:
+            return ""
+        return _slip_in_words(motion, seen)
 
     def _usual(self, beams: Beams) -> VerdictLimits:
         """The limits of the map, made wider where its scans have fitted less than it promised."""
@@ -337,7 +371,7 @@ class Guard:
 def _slip(T_last: SE2, T_predicted: SE2, T_matched: SE2) -> str:
     """That the robot moved less than its wheels, along the way they told, in words; or nothing."""
     told, seen = T_last.inverse() @ T_predicted, T_last.inverse() @ T_matched
-    told_m, seen_m = math.hypot(told.x, told.y), math.hypot(seen.x, seen.y)
+    told_m = math.hypot(told.x, told.y)
     # the point of the way told that is nearest to where the scan says
     share = (told.x * seen.x + told.y * seen.y) / max(told_m * told_m, 1e-12)
     share = min(max(share, 0.0), 1.0)
@@ -346,7 +380,12 @@ def _slip(T_last: SE2, T_predicted: SE2, T_matched: SE2) -> str:
     beyond_rad = max(turned - max(turn_told, 0.0), min(turn_told, 0.0) - turned, 0.0)
     if beside_m > 0.05 or beyond_rad > math.radians(3.0):
         return ""
+    return _slip_in_words(told, seen)
+
+
+def _slip_in_words(told: SE2, seen: SE2) -> str:
     return (
-        f"wheels slip or spin: they told {told_m:.2f} m and {math.degrees(turn_told):.0f} degrees,"
-        f" the scan {seen_m:.2f} m and {math.degrees(turned):.0f} degrees"
+        f"wheels slip or spin: they told {math.hypot(told.x, told.y):.2f} m and"
+        f" {math.degrees(told.theta):.0f} degrees, the scans {math.hypot(seen.x, seen.y):.2f} m and"
+        f" {math.degrees(seen.theta):.0f} degrees"
     )

@@ -25,6 +25,10 @@ ONLY_IN = {
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
     "experiments/figures/against_bound.py": {"matplotlib"},
     "experiments/figures/canvas.py": {"matplotlib"},
+    "experiments/figures/hypotheses.py": {"matplotlib"},
+    "experiments/figures/kidnap_map.py": {"matplotlib"},
+    "experiments/figures/localized_log.py": {"matplotlib"},
+    "experiments/figures/lost_roc.py": {"matplotlib"},
     "experiments/figures/mismatches.py": {"matplotlib"},
     "experiments/figures/one_trial.py": {"matplotlib"},
     "experiments/figures/over_time.py": {"matplotlib"},
@@ -35,12 +39,30 @@ ONLY_IN = {
 
 RANKS = (
     {"arrays", "se2", "kernels"},
-    {"measurements", "odometry", "point_map", "occupancy_grid", "likelihood_grid", "trajectory", "beams"}
+    {
+        "measurements",
+        "odometry",
+        "point_map",
+        "occupancy_grid",
+        "likelihood_grid",
+        "trajectory",
+        "beams",
+    }
     | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
     | {"surfels", "map_files"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"},
-    {"relocalization", "hypotheses", "verdict_limits", "lost", "loop_closing", "fusion", "consistency", "matchers", "calibration"},
+    {
+        "relocalization",
+        "hypotheses",
+        "verdict_limits",
+        "lost",
+        "loop_closing",
+        "fusion",
+        "consistency",
+        "matchers",
+        "calibration",
+    },
     {"localization", "mapping"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}

@@ -5,6 +5,10 @@ from pathlib import Path
 
 from experiments.figures.against_bound import bound_figure
 from experiments.figures.canvas import image_file
+from experiments.figures.hypotheses import hypotheses_figure
+from experiments.figures.kidnap_map import kidnap_map
+from experiments.figures.localized_log import localized_log_picture
+from experiments.figures.lost_roc import lost_roc
 from experiments.figures.mismatches import mismatch_figure
 from experiments.figures.one_trial import trial_picture
 from experiments.figures.over_time import over_time_figure
@@ -13,7 +17,11 @@ from experiments.figures.recorded_log import real_log_picture
 
 __all__ = [
     "bound_figure",
+    "hypotheses_figure",
     "image_file",
+    "kidnap_map",
+    "localized_log_picture",
+    "lost_roc",
     "mismatch_figure",
     "over_time_figure",
     "real_log_picture",
@@ -31,4 +39,7 @@ def run_figures(folder: Path) -> list[Path]:
         drawn.append(scatter(folder))
     if summary["experiment"] == "tracking":
         drawn.append(over_time_figure(folder))
+    if summary["experiment"] == "kidnap":
+        kidnaps = (draw(folder) for draw in (kidnap_map, lost_roc, hypotheses_figure))
+        drawn += [path for path in kidnaps if path is not None]
     return drawn

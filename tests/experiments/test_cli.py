@@ -100,7 +100,7 @@ def test_kidnap_needs_a_free_place_to_set_down(tmp_path, capsys):
     line = refusal(capsys, "run", "kidnap", "--place", str(path), "--out", str(tmp_path / "out"))
     assert line == (
         f"place {path}: nothing is free 1 m lower in y than its start; "
-        "the robot cannot be kidnapped as in the paper there"
+        "the robot cannot be kidnapped as in the paper there, but --poses anywhere works"
     )
     assert not (tmp_path / "out").exists()
 

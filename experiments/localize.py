@@ -1,0 +1,176 @@
+"""A recorded log on a known map: where the robot was at each scan, and how sure it was of it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.known_maps import KnownMap, assumed_laser, map_of_file
+from experiments.trial_log import write_atomically
+from slam.beams import Beams
+from slam.localization import Estimate
+from slam.lost import Status
+from slam.measurements import Measurement
+from slam.readers.carmen import CarmenLog, read_carmen
+from slam.se2 import SE2
+from slam.trajectory import Trajectory, write_tum
+
+VERDICT_COLUMNS = (
+    "time", "status", "x", "y", "theta", "var_x", "cov_xy", "cov_xtheta", "var_y", "cov_ytheta",
+    "var_theta", "reasons",
+)  # fmt: skip
+"""Of `verdicts.csv`: pose in the map frame [m, rad], covariance of its tangent in the base frame,
+empty where nothing is claimed; reasons joined by "; "."""
+
+
+@dataclass(frozen=True)
+class LocalizeConfig:
+    """What is assumed; the same for every log.
+
+    range_max_m: what lies farther is left out. chosen: at 12 m the beams of a SICK (1 degree) are
+    20 cm apart. range_sigma_m: noise of a range with what the scan's own way adds.
+    """
+
+    method: str = "limit"
+    range_max_m: float = 12.0
+    range_sigma_m: float = 0.02
+
+
+@dataclass(frozen=True)
+class LocalizedLog:
+    """The estimates of a log's scans in order, on the map that they were found on."""
+
+    name: str
+    map_name: str
+    config: LocalizeConfig
+    known: KnownMap
+    estimates: tuple[Estimate, ...]
+    last_points: np.ndarray
+    """(N, 2) of the last scan that was tracked, map frame [m]."""
+
+    def trajectory(self) -> Trajectory:
+        """The poses reported, sure or not."""
+        return Trajectory(
+            np.array([estimate.time_s for estimate in self.estimates]),
+            np.array([estimate.T_map_base.as_array() for estimate in self.estimates]),
+        )
+
+    def statuses(self) -> list[Status]:
+        """The verdict of each scan."""
+        return [estimate.verdict.status for estimate in self.estimates]
+
+    def summary(self) -> dict[str, Any]:
+        """How often which verdict, and how long it took to be found."""
+        counts = Counter(status.value for status in self.statuses())
+        recoveries = [
+            estimate.verdict.recovery_s
+            for estimate in self.estimates
+            if estimate.verdict.recovery_s is not None
+        ]
+        return {
+            "experiment": "localize",
+            "log": self.name,
+            "map": self.map_name,
+            "scans": len(self.estimates),
+            **{status.value: counts[status.value] for status in Status},
+            "recoveries_s": recoveries,
+            "config": asdict(self.config),
+        }
+
+
+def run(
+    map_path: Path,
+    log_path: Path,
+    start: SE2 | None,
+    config: LocalizeConfig | None = None,
+    on_scan: Callable[[int, int, Estimate], None] | None = None,
+) -> LocalizedLog:
+    """Every scan of a CARMEN log on a ROS map, from a start or from nowhere.
+
+    on_scan: told of each, with its number and how many there are. Raises ValueError for files that
+    are not what they should be, OSError for unreadable ones.
+    """
+    config = config or LocalizeConfig()
+    known = map_of_file(map_path, assumed_laser(config.range_max_m, config.range_sigma_m))
+    log = read_carmen(log_path)
+    if log.scan_count == 0:
+        raise ValueError(f"{log.name}: the log has no scans")
+    estimates, last = localized(known, log, start, config, on_scan)
+    return LocalizedLog(log.name, map_path.name, config, known, tuple(estimates), last)
+
+
+def localized(
+    known: KnownMap,
+    log: CarmenLog,
+    start: SE2 | None,
+    config: LocalizeConfig,
+    on_scan: Callable[[int, int, Estimate], None] | None = None,
+) -> tuple[list[Estimate], np.ndarray]:
+    """The estimate of each scan, and the points of the last one tracked (N, 2), map frame."""
+    localizer = known.localizer(config.method, start, log.T_base_laser)
+    estimates: list[Estimate] = []
+    last = np.empty((0, 2))
+    for index, measurement in enumerate(log.measurements()):
+        cut = Measurement(
+            measurement.time_s,
+            # the start is the pose of the first scan, whatever the wheels did before
+            measurement.motion if index else SE2.identity(),
+            measurement.scan.cut(config.range_max_m),
+            measurement.motion_covariance,
+        )
+        estimates.append(localizer.update(cut))
+        if estimates[-1].verdict.status is Status.TRACKING:
+            last = estimates[-1].T_map_base @ Beams.of(cut.scan, log.T_base_laser).points
+        if on_scan is not None:
+            on_scan(index, log.scan_count, estimates[-1])
+    return estimates, last
+
+
+def verdict_rows(estimates: Sequence[Estimate]) -> list[list[Any]]:
+    """Rows of VERDICT_COLUMNS."""
+    rows = []
+    for estimate in estimates:
+        pose, covariance = estimate.T_map_base, estimate.covariance
+        upper: list[Any] = [""] * 6
+        if covariance is not None:
+            upper = [f"{value:.9g}" for value in covariance[np.triu_indices(3)]]
+        rows.append(
+            [
+                f"{estimate.time_s:.6f}",
+                estimate.verdict.status.value,
+                *(f"{value:.6f}" for value in pose.as_array()),
+                *upper,
+                "; ".join((*estimate.verdict.reasons, *estimate.warnings)),
+            ]
+        )
+    return rows
+
+
+def write_results(result: LocalizedLog, folder: Path) -> None:
+    """Writes summary.json, verdicts.csv and trajectory.tum. Raises OSError if it cannot."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(VERDICT_COLUMNS)
+    writer.writerows(verdict_rows(result.estimates))
+    write_atomically(folder / "verdicts.csv", text.getvalue())
+    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
+    write_tum(folder / "trajectory.tum", result.trajectory())
+
+
+def table(summary: dict[str, Any]) -> str:
+    """The summary for people to read."""
+    took = summary["recoveries_s"]
+    found = f"found {len(took)} times, after {max(took):.1f} s at most" if took else "never found"
+    return (
+        f"{summary['log']} on {summary['map']}: {summary['scans']} scans: {summary['tracking']}"
+        f" tracking, {summary['unsure']} unsure, {summary['lost']} lost; {found}"
+    )

@@ -1,0 +1,185 @@
+"""The verdict: a robot that follows itself, is carried away, and says what it knows."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slam import SE2, FastMatcher, LimitMatcher, Localizer, Measurement, SegmentMap, SurfelGrid
+from slam.lost import Guard, Status
+from slam.measurements import LaserScan
+from slam.relocalization import Relocalizer
+from tests.slam.all_methods import MODEL, SIGMA_M
+from tests.slam.synthetic import ANGLES_RAD, ROOM_SEGMENTS, scan_of
+
+LASER = SE2(0.1, 0.0, 0.0)
+START = SE2(2.6, 1.9, 0.4)
+ELSEWHERE = [SE2(1.5, 1.0, 2.0), SE2(3.4, 3.2, -1.0), SE2(5.3, 1.6, 3.0), SE2(2.6, 2.3, 0.4)]
+STEP = SE2(0.02, 0.0, 0.01)
+STILL = SE2.identity()
+BOX = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0], [0.0, 4.0], [0.0, 0.0]])
+TWIN_ROOM = np.stack([BOX[:-1], BOX[1:]], axis=1)
+"""Looks the same from either end."""
+
+
+@pytest.fixture(scope="module")
+def room():
+    return made(ROOM_SEGMENTS)
+
+
+@pytest.fixture(scope="module")
+def twin_room():
+    return made(TWIN_ROOM)
+
+
+def made(segments):
+    walls = SegmentMap(segments)
+    surfels = SurfelGrid.of(walls)
+    matcher = LimitMatcher(walls, MODEL, FastMatcher(surfels, MODEL))
+    return segments, matcher, Relocalizer.of(walls, surfels, MODEL)
+
+
+class Robot:
+    """Where it truly is, and a localizer that is told so much of it."""
+
+    def __init__(self, room, believed, at=START, seed=0):
+        self.segments, matcher, relocalizer = room
+        self.at, self.time_s, self.rng = at, 0.0, np.random.default_rng(seed)
+        self.localizer = Localizer(matcher, believed, LASER, None, Guard(relocalizer))
+
+    def look(self, motion=STILL, told=None, scan=None):
+        """A step, what the wheels told of it, and the scan that follows."""
+        self.at, self.time_s = self.at @ motion, self.time_s + 0.1
+        if scan is None:
+            scan = scan_of(self.segments, self.at @ LASER, self.rng, SIGMA_M)
+        noise = np.diag([1e-6, 1e-6, 1e-6])
+        return self.localizer.update(
+            Measurement(self.time_s, motion if told is None else told, scan, noise)
+        )
+
+    def is_right(self, estimate):
+        off = self.at.inverse() @ estimate.T_map_base
+        return math.hypot(off.x, off.y) < 0.05 and abs(off.theta) < math.radians(2)
+
+
+def test_ordinary_driving_is_tracking_and_gives_no_reasons(room):
+    robot = Robot(room, START)
+    for _ in range(60):
+        estimate = robot.look(STEP)
+        assert estimate.verdict.status is Status.TRACKING
+        assert estimate.verdict.reasons == ()
+        assert robot.is_right(estimate)
+
+
+@pytest.mark.parametrize("target", ELSEWHERE)
+def test_carried_away_it_is_lost_at_once_and_tracks_again_at_the_next_scan(room, target):
+    robot = Robot(room, START)
+    robot.look()
+    robot.at = target
+    first = robot.look(told=SE2.identity())
+    assert first.verdict.status is Status.LOST
+    assert "carried away" in first.verdict.reasons[0]
+    assert first.verdict.recovery_s is None
+    second = robot.look(told=SE2.identity())
+    assert second.verdict.status is Status.TRACKING
+    assert second.verdict.recovery_s == pytest.approx(0.1)
+    assert robot.is_right(second)
+    assert robot.look(STEP).verdict.status is Status.TRACKING
+
+
+def test_without_a_start_the_first_scan_tells(room):
+    for index, pose in enumerate(ELSEWHERE):
+        robot = Robot(room, None, at=pose, seed=index)
+        estimate = robot.look()
+        assert estimate.verdict.status is Status.TRACKING
+        assert estimate.verdict.recovery_s == 0.0
+        assert robot.is_right(estimate)
+
+
+def test_a_start_without_a_pose_needs_a_guard(room):
+    with pytest.raises(ValueError, match="needs a guard"):
+        Localizer(room[1], None, LASER)
+
+
+def test_a_room_that_looks_the_same_from_two_ends_stays_unsure(twin_room):
+    robot = Robot(twin_room, None, at=SE2(1.4, 1.1, 0.3))
+    for _ in range(8):
+        estimate = robot.look(SE2(0.05, 0.0, 0.5))
+        assert estimate.verdict.status is Status.UNSURE
+        assert "another place fits nearly as well" in estimate.verdict.reasons[0]
+        places = [place.T_map_base for place in estimate.verdict.hypotheses[:2]]
+        off_m = [math.hypot(place.x - robot.at.x, place.y - robot.at.y) for place in places]
+        assert min(off_m) < 0.05
+
+
+def test_wheels_that_spin_are_told_from_a_kidnap(room):
+    robot = Robot(room, START)
+    robot.look()
+    statuses = []
+    for _ in range(12):
+        estimate = robot.look(SE2.identity(), told=SE2(0.02, 0.0, 0.0))
+        assert robot.is_right(estimate)
+        statuses.append(estimate.verdict.status)
+        assert Status.LOST not in statuses
+    # 5 cm at 0.2 m/s are a quarter of a second
+    assert set(statuses[3:]) == {Status.UNSURE}
+    assert "wheels slip or spin" in estimate.verdict.reasons[0]
+    for _ in range(12):
+        estimate = robot.look(STEP)
+    assert estimate.verdict.status is Status.TRACKING
+
+
+def test_frozen_scan_is_never_fine(room):
+    robot = Robot(room, START)
+    scan = scan_of(ROOM_SEGMENTS, START @ LASER, robot.rng, SIGMA_M)
+    robot.look(scan=scan)
+    for _ in range(3):
+        estimate = robot.look(STEP, scan=scan)
+        assert estimate.verdict.status is Status.UNSURE
+        assert "frozen" in estimate.verdict.reasons[0]
+    assert robot.look(STEP).verdict.status is Status.TRACKING
+
+
+@pytest.mark.parametrize("ranges", [0.05, np.inf, -np.inf, np.nan])
+def test_blocked_laser_is_never_fine_and_no_kidnap(room, ranges):
+    robot = Robot(room, START)
+    robot.look()
+    for count in range(4):
+        values = np.full(len(ANGLES_RAD), ranges) + 1e-3 * count
+        estimate = robot.look(STEP, scan=LaserScan(0.0, ANGLES_RAD, values))
+        assert estimate.verdict.status is Status.UNSURE
+        assert estimate.verdict.reasons
+        assert robot.is_right(estimate)
+    assert robot.look(STEP).verdict.status is Status.TRACKING
+
+
+def test_what_the_map_does_not_explain_ends_lost(room):
+    robot = Robot(room, START)
+    robot.look()
+    statuses = []
+    for _ in range(6):
+        nonsense = robot.rng.uniform(0.3, 6.0, len(ANGLES_RAD))
+        estimate = robot.look(told=SE2.identity(), scan=LaserScan(0.0, ANGLES_RAD, nonsense))
+        statuses.append(estimate.verdict.status)
+    assert Status.TRACKING not in statuses
+    assert statuses[-1] is Status.LOST
+
+
+def test_corridor_without_an_end_is_unsure():
+    corridor = np.array([[[-40.0, 0.0], [40.0, 0.0]], [[-40.0, 2.0], [40.0, 2.0]]])
+    robot = Robot(made(corridor), SE2(0.0, 1.0, 0.0), at=SE2(0.0, 1.0, 0.0))
+    for _ in range(5):
+        estimate = robot.look(STEP)
+        assert estimate.verdict.status is Status.UNSURE
+        assert "direction open" in estimate.verdict.reasons[0]
+
+
+def test_motion_without_a_scan_moves_pose_and_places(room):
+    robot = Robot(room, None, at=ELSEWHERE[0])
+    robot.look()
+    turn = SE2(0.0, 0.0, 0.7)
+    robot.at, robot.time_s = robot.at @ turn, robot.time_s + 1.0
+    robot.localizer.move(robot.time_s, turn, np.zeros((3, 3)))
+    estimate = robot.look(told=SE2.identity())
+    assert estimate.verdict.status is Status.TRACKING
+    assert robot.is_right(estimate)
