@@ -20,7 +20,7 @@ from typing import Any
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
 from experiments.recovery import recovery_figures
-from experiments.statistics import summarised
+from experiments.statistics import summarised, verdict_counts
 from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
 
@@ -133,6 +133,9 @@ class Run:
             "methods": summarised(_with_failures(samples, records), self.config.methods),
             "paper_values": PAPER_VALUES.get(self.experiment),
         }
+        if self.experiment == "tracking":
+            for name, figures in summary["methods"].items():
+                figures |= verdict_counts(records, name)
         if self.experiment == "kidnap":
             for name, figures in summary["methods"].items():
                 figures |= recovery_figures(records, timings, name)

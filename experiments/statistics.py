@@ -144,3 +144,20 @@ def _axis(errors: np.ndarray) -> dict[str, float | None]:
 
 def _rms(values: np.ndarray) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if values.size else None
+
+
+def verdict_counts(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
+    """Of one method over all scans of all drives: how many there were, how often it said that it was
+    lost, of which it never was, and the share of scans at which it was not sure."""
+    verdicts = [
+        verdict
+        for record in records
+        if record["status"] == "ok"
+        for verdict in record["series"]["methods"][name]["verdict"]
+    ]
+    unsure = sum(verdict == "unsure" for verdict in verdicts)
+    return {
+        "scans": len(verdicts),
+        "false_alarms": sum(verdict == "lost" for verdict in verdicts),
+        "unsure_rate": unsure / len(verdicts) if verdicts else None,
+    }

@@ -54,7 +54,7 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrackingResult:
     simulation.reset(start)
     believed = start + start_error(config, pose_rng)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
-    localizers = make_localizers(config, believed, is_tracking=True)
+    localizers = make_localizers(config, believed, is_tracking=True, may_be_lost=True)
     drive = _Drive(config, simulation)
     for frame in _driven(config, simulation, side, pose_rng):
         measurement, true = source.measurement(frame), simulation.truth().pose
@@ -88,7 +88,7 @@ class _Drive:
             "crlb_heading_rad": [],
         }
         self._of_method: dict[str, dict[str, list[Any]]] = {
-            name: {"position_error_m": [], "heading_error_rad": [], "nees": []}
+            name: {"position_error_m": [], "heading_error_rad": [], "nees": [], "verdict": []}
             for name in config.methods
         }
         self._last: TrialResult | None = None
@@ -111,6 +111,7 @@ class _Drive:
             series = self._of_method[name]
             series["position_error_m"].append(_rounded(float(np.hypot(*outcome.error[:2]))))
             series["heading_error_rad"].append(_rounded(float(outcome.error[2])))
+            series["verdict"].append(outcome.verdict.status.value)
             series["nees"].append(None if outcome.nees is None else round(outcome.nees, 3))
         self._last = TrialResult(
             [true], outcomes, time_s, bound, cpu_s, [scan], in_view(self._simulation)

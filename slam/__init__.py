@@ -10,6 +10,8 @@ from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
+from slam.lost import Guard, GuardConfig, Status, Verdict
+from slam.map_files import read_map, write_map
 from slam.matchers import (
     FastMatcher,
     LimitMatcher,
@@ -20,10 +22,12 @@ from slam.matchers import (
     PaperMatcher,
 )
 from slam.measurements import LaserScan, Measurement
+from slam.occupancy_grid import OccupancyGrid
 from slam.odometry import DifferentialDrive, OdometryNoise
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.readers.carmen import read_carmen
+from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
@@ -41,6 +45,9 @@ __all__ = [
     "DifferentialDrive",
     "Estimate",
     "FastMatcher",
+    "Guard",
+    "GuardConfig",
+    "Hypothesis",
     "IcpConfig",
     "LaserModel",
     "LaserScan",
@@ -52,18 +59,22 @@ __all__ = [
     "MatchStatus",
     "Matcher",
     "Measurement",
+    "OccupancyGrid",
     "OdometryMatcher",
     "OdometryNoise",
     "Open3dMatcher",
     "PaperMatcher",
     "PointMap",
     "RangeNoise",
+    "Relocalizer",
     "ScanMatch",
     "SegmentMap",
+    "Status",
     "StopRule",
     "SurfelGrid",
     "SurfelMatchConfig",
     "Trajectory",
+    "Verdict",
     "calibrate",
     "cramer_rao_bound",
     "fisher_information",
@@ -73,6 +84,8 @@ __all__ = [
     "match_scan_coarse_to_fine",
     "match_surfels",
     "read_carmen",
+    "read_map",
     "read_tum",
+    "write_map",
     "write_tum",
 ]
