@@ -180,6 +180,16 @@ def bench_mismatch(
     print_benchmark(place, laser, trials, drives, seed, out)
 
 
+@bench_app.command("relocalization")
+def bench_relocalization(
+    trials: Trials = 100, seed: Seed = 0, laser: Laser = "urg_04lx", people: People = 3
+) -> None:
+    """Processor time of one query of the whole map, place by place."""
+    from experiments.bench.relocalization import print_benchmark
+
+    print_benchmark(laser, people, trials, seed)
+
+
 @app.command()
 def calibrate(
     place: PlaceName = "room_fig4",

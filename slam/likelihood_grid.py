@@ -32,11 +32,11 @@ class SearchConfig:
     cell_m: float = 0.1
     sigma_m: float = 0.1
     top_level: int = 3
-    max_points: int = 80
+    max_points: int = 60
     max_heading_step_rad: float = math.radians(2.0)
     min_heading_step_rad: float = math.radians(0.5)
     block_headings_rad: float = math.radians(10.0)
-    keep: float = 0.6
+    keep: float = 0.65
     max_candidates: int = 64
 
     def __post_init__(self) -> None:

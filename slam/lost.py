@@ -121,7 +121,7 @@ class Guard:
         self._search = Hypotheses(relocalizer, self.config.hypotheses)
         self._limits: VerdictLimits | None = None
         self._lost_s: float | None = None
-        self._unexplained = 0
+        self._unexplained = self._beaten = 0
         self._mean_inliers = 1.0
         self._judged = 0
         self._checked: tuple[float, SE2] | None = None
@@ -190,7 +190,7 @@ class Guard:
             if slip:
                 return Judgement(Verdict(Status.UNSURE, (slip, *misfits)), match)
             if not misfits or self._is_checked(evidence, T_now):
-                self._unexplained = 0
+                self._unexplained = self._beaten = 0
                 return Judgement(Verdict(Status.TRACKING, misfits), match)
         if jump is not None and match.is_matched and not misfits:
             slip = _slip(T_last, T_predicted, match.T_map_base)
@@ -199,8 +199,13 @@ class Guard:
         found = Hypotheses(self.relocalizer, self.config.hypotheses)
         found.look(beams)
         if found.places and found.beats(T_predicted if jump else T_now, beams):
+            self._beaten += 1
             reasons = (jump or "carried away: the scan fits another place far better", *misfits)
+            if jump is None and self._beaten < found.config.beaten_scans:
+                self._way.clear()
+                return Judgement(Verdict(Status.UNSURE, reasons), None)
             return self._lost(found, reasons, matcher, beams, time_s)
+        self._beaten = 0
         if jump is not None:
             # nothing tells the place matched from the one predicted: neither is believed yet
             return self._lost(found, (jump, *misfits), matcher, beams, time_s)
@@ -228,7 +233,8 @@ class Guard:
         time_s: float,
     ) -> Judgement:
         """Lost from now on; the best place is what the pose becomes, not yet believed."""
-        self.is_lost, self._lost_s, self._unexplained, self._checked = True, time_s, 0, None
+        self.is_lost, self._lost_s, self._checked = True, time_s, None
+        self._unexplained = self._beaten = 0
         self._way.clear()
         self._search = found
         if not found.places:
@@ -263,9 +269,9 @@ class Guard:
                 f"another place fits nearly as well: log-likelihood margin {search.margin:.1f}"
                 f" of {search.margin_needed:.1f} needed, after {search.views} views"
             )
-        if search.views < search.config.min_views:
+        if search.streak < search.config.min_views:
             doubts.append(
-                f"seen from {search.views} of {search.config.min_views} places needed on such a map"
+                f"the best place through {search.streak} of {search.config.min_views} views needed"
             )
         if match.status is MatchStatus.DEGENERATE:
             doubts.append("the scan leaves a direction open")

@@ -27,7 +27,8 @@ FreeSpace = Callable[[FloatArray], BoolArray]
 class RelocalizerConfig:
     """How a `Relocalizer` works.
 
-    search: over the whole map. evidence: None: what suits the map. first, last: how a candidate is refined, on few points and on all.
+    search: over the whole map. evidence: None: what suits the map. first, last: how a candidate is refined, on few points and on all;
+    carried: one that wheels brought here.
     apart_m, apart_rad: poses closer than both are one hypothesis. max_refined: the best candidates
     that are refined on all points. max_behind: of log-likelihood, behind the best, at which a
     hypothesis is not worth returning.
@@ -41,7 +42,10 @@ class RelocalizerConfig:
     last: SurfelMatchConfig = field(
         default_factory=lambda: SurfelMatchConfig(scales_m=(0.05, 0.0), strides=(2, 1))
     )
-    apart_m: float = 0.2
+    carried: SurfelMatchConfig = field(
+        default_factory=lambda: SurfelMatchConfig(scales_m=(0.3, 0.1, 0.0), strides=(4, 2, 1))
+    )
+    apart_m: float = 0.3
     apart_rad: float = math.radians(8.0)
     max_refined: int = 8
     max_points: int = 80
@@ -118,7 +122,7 @@ class Relocalizer:
         """The hypothesis near a pose, on all points; the pose itself where that is more likely."""
         return max(
             self.at(beams, T_map_base),
-            self._refined(beams, beams.points, T_map_base, self.config.last),
+            self._refined(beams, beams.points, T_map_base, self.config.carried),
             key=lambda hypothesis: hypothesis.log_likelihood,
         )
 
