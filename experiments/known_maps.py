@@ -38,13 +38,15 @@ _BESIDE_FREE_M = 0.1
 class KnownMap:
     """A map with all that the methods make of it, for one laser.
 
-    points: (K, 2) [m] for ICP; walls: for the others; is_free: where to search, None: anywhere.
+    points: (K, 2) [m] for ICP; walls: for the others; is_free: where to search, None: anywhere;
+    grid: that it was read from.
     """
 
     points: FloatArray
     walls: SegmentMap
     laser: LaserModel
     is_free: FreeSpace | None = None
+    grid: OccupancyGrid | None = None
 
     @cached_property
     def point_map(self) -> PointMap:
@@ -113,8 +115,12 @@ def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
         raise ValueError(
             f"{path}: no cell of the map is occupied: nothing to localise by (occupied_thresh?)"
         )
+    if len(grid.points()) == 0:
+        raise ValueError(
+            f"{path}: no occupied cell of the map is beside a free one: no wall is seen"
+        )
     walls = grid.walls()
-    return KnownMap(walls.sampled(_SPACING_M)[0], walls, laser, _beside_free(grid))
+    return KnownMap(walls.sampled(_SPACING_M)[0], walls, laser, _beside_free(grid), grid)
 
 
 def _beside_free(grid: OccupancyGrid) -> FreeSpace | None:

@@ -7,7 +7,7 @@ import io
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,6 @@ from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.localization import Estimate
 from slam.lost import Status
-from slam.measurements import Measurement
 from slam.readers.carmen import CarmenLog, read_carmen
 from slam.se2 import SE2
 from slam.trajectory import Trajectory, write_tum
@@ -27,8 +26,9 @@ VERDICT_COLUMNS = (
     "time", "status", "x", "y", "theta", "var_x", "cov_xy", "cov_xtheta", "var_y", "cov_ytheta",
     "var_theta", "reasons",
 )  # fmt: skip
-"""Of `verdicts.csv`: pose in the map frame [m, rad], covariance of its tangent in the base frame,
-empty where nothing is claimed; reasons joined by "; "."""
+"""Of `verdicts.csv`: pose in the map frame [m, rad], a best guess unless tracking, empty before
+there is any; covariance of its tangent in the base frame, empty where nothing is claimed, as by a
+robot that is lost; reasons joined by "; "."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,10 @@ class LocalizeConfig:
 
 @dataclass(frozen=True)
 class LocalizedLog:
-    """The estimates of a log's scans in order, on the map that they were found on."""
+    """The estimates of a log's scans in order, on the map that they were found on.
+
+    start: the pose given for the first scan, None if it was unknown.
+    """
 
     name: str
     map_name: str
@@ -55,12 +58,18 @@ class LocalizedLog:
     estimates: tuple[Estimate, ...]
     last_points: np.ndarray
     """(N, 2) of the last scan that was tracked, map frame [m]."""
+    start: SE2 | None = None
+
+    def placed(self) -> tuple[Estimate, ...]:
+        """The estimates from the first on that has a pose at all, be it a guess."""
+        return self.estimates[_first_placed(self.estimates, self.start) :]
 
     def trajectory(self) -> Trajectory:
-        """The poses reported, sure or not."""
+        """The poses reported, sure or not; none before the first that there is."""
+        placed = self.placed()
         return Trajectory(
-            np.array([estimate.time_s for estimate in self.estimates]),
-            np.array([estimate.T_map_base.as_array() for estimate in self.estimates]),
+            np.array([estimate.time_s for estimate in placed]),
+            np.array([estimate.T_map_base.as_array() for estimate in placed]).reshape(-1, 3),
         )
 
     def statuses(self) -> list[Status]:
@@ -79,6 +88,7 @@ class LocalizedLog:
             "experiment": "localize",
             "log": self.name,
             "map": self.map_name,
+            "start": None if self.start is None else self.start.as_array().tolist(),
             "scans": len(self.estimates),
             **{status.value: counts[status.value] for status in Status},
             "recoveries_s": recoveries,
@@ -101,10 +111,8 @@ def run(
     config = config or LocalizeConfig()
     known = map_of_file(map_path, assumed_laser(config.range_max_m, config.range_sigma_m))
     log = read_carmen(log_path)
-    if log.scan_count == 0:
-        raise ValueError(f"{log.name}: the log has no scans")
     estimates, last = localized(known, log, start, config, on_scan)
-    return LocalizedLog(log.name, map_path.name, config, known, tuple(estimates), last)
+    return LocalizedLog(log.name, map_path.name, config, known, tuple(estimates), last, start)
 
 
 def localized(
@@ -116,17 +124,19 @@ def localized(
 ) -> tuple[list[Estimate], np.ndarray]:
     """The estimate of each scan, and the points of the last one tracked (N, 2), map frame."""
     localizer = known.localizer(config.method, start, log.T_base_laser)
+    assert localizer.guard is not None
     estimates: list[Estimate] = []
     last = np.empty((0, 2))
     for index, measurement in enumerate(log.measurements()):
-        cut = Measurement(
-            measurement.time_s,
+        cut = replace(measurement, scan=measurement.scan.cut(config.range_max_m))
+        if index == 0:
             # the start is the pose of the first scan, whatever the wheels did before
-            measurement.motion if index else SE2.identity(),
-            measurement.scan.cut(config.range_max_m),
-            measurement.motion_covariance,
-        )
-        estimates.append(localizer.update(cut))
+            cut = replace(cut, motion=SE2.identity(), motion_covariance=np.zeros((3, 3)))
+        estimate = localizer.update(cut)
+        if localizer.guard.is_lost:
+            # of one place among several, it would tell how well the scan fits there
+            estimate = replace(estimate, covariance=None)
+        estimates.append(estimate)
         if estimates[-1].verdict.status is Status.TRACKING:
             last = estimates[-1].T_map_base @ Beams.of(cut.scan, log.T_base_laser).points
         if on_scan is not None:
@@ -134,11 +144,24 @@ def localized(
     return estimates, last
 
 
-def verdict_rows(estimates: Sequence[Estimate]) -> list[list[Any]]:
-    """Rows of VERDICT_COLUMNS."""
+def _first_placed(estimates: Sequence[Estimate], start: SE2 | None) -> int:
+    """The number of the first estimate with a pose, found or given; their count if there is none."""
+    if start is not None:
+        return 0
+    verdicts = [estimate.verdict for estimate in estimates]
+    has_place = [v.status is Status.TRACKING or len(v.hypotheses) > 0 for v in verdicts]
+    return has_place.index(True) if any(has_place) else len(estimates)
+
+
+def verdict_rows(estimates: Sequence[Estimate], start: SE2 | None) -> list[list[Any]]:
+    """Rows of VERDICT_COLUMNS, from a start or from nowhere."""
     rows = []
-    for estimate in estimates:
-        pose, covariance = estimate.T_map_base, estimate.covariance
+    placed = _first_placed(estimates, start)
+    for index, estimate in enumerate(estimates):
+        covariance = estimate.covariance
+        pose = ["", "", ""]
+        if index >= placed:
+            pose = [f"{value:.6f}" for value in estimate.T_map_base.as_array()]
         upper: list[Any] = [""] * 6
         if covariance is not None:
             upper = [f"{value:.9g}" for value in covariance[np.triu_indices(3)]]
@@ -146,7 +169,7 @@ def verdict_rows(estimates: Sequence[Estimate]) -> list[list[Any]]:
             [
                 f"{estimate.time_s:.6f}",
                 estimate.verdict.status.value,
-                *(f"{value:.6f}" for value in pose.as_array()),
+                *pose,
                 *upper,
                 "; ".join((*estimate.verdict.reasons, *estimate.warnings)),
             ]
@@ -160,7 +183,7 @@ def write_results(result: LocalizedLog, folder: Path) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(VERDICT_COLUMNS)
-    writer.writerows(verdict_rows(result.estimates))
+    writer.writerows(verdict_rows(result.estimates, result.start))
     write_atomically(folder / "verdicts.csv", text.getvalue())
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
     write_tum(folder / "trajectory.tum", result.trajectory())

@@ -35,6 +35,8 @@ RIGHT_M, RIGHT_RAD = 0.15, math.radians(3.0)
 WRONG_M, WRONG_RAD = 0.5, math.radians(10.0)
 """Another place, whatever the reference's own error."""
 _NOTICED_WITHIN = 2
+_JUMP_S = 1.0
+"""How long the robot is carried. chosen: what it says after that may not hang on it."""
 _COVERED_M, _COVERED_SHARE = 0.3, 0.6
 """A scan lies on the map where so many of its points are so near to a point of it."""
 
@@ -162,8 +164,13 @@ def run(
         raise ValueError(f"no protocol called '{protocol}'; there are: tracked, each, jumps")
     log, reference = read_carmen(log_path, config.carmen), read_tum(reference_path)
     rows = list(referenced(log, reference, config.range_max_m))
-    if len(rows) < 4 * (jumps + 1):
-        raise ValueError(f"{log.name}: {len(rows)} scans have a reference pose, too few for this")
+    # of each piece of the half that is driven, two scans at least
+    needed = 2 if protocol == "each" else 4 * (jumps + 1)
+    if len(rows) < needed:
+        raise ValueError(
+            f"{log.name}: {len(rows)} scans have a reference pose in {reference_path.name}, this"
+            f" needs {needed}"
+        )
     laser = assumed_laser(config.range_max_m, config.range_sigma_m)
     half = len(rows) // 2
     of_map = rows[::2] if protocol == "each" else rows[:half]
@@ -183,26 +190,30 @@ def teleported(
 ) -> tuple[list[tuple[Measurement, SE2]], tuple[int, ...]]:
     """The rows cut into pieces in another order; the wheels tell nothing of the way between.
 
-    Returns the numbers of the scans that come first after a jump as well.
+    The stamps start at 0; a jump takes a second, all else as long as it did. Returns the numbers
+    of the scans that come first after a jump as well. Raises ValueError for fewer rows than pieces.
     """
+    if len(rows) <= jumps:
+        raise ValueError(f"{len(rows)} scans cannot be cut into {jumps + 1} pieces")
     pieces = np.array_split(np.arange(len(rows)), jumps + 1)
     order = rng.permutation(len(pieces))
     while any(b == a + 1 for a, b in itertools.pairwise(order)):
         order = rng.permutation(len(pieces))
     mixed: list[tuple[Measurement, SE2]] = []
-    starts = []
+    starts, time_s = [], -_JUMP_S
     for place in order:
         starts.append(len(mixed))
         for n, row in enumerate(pieces[place]):
             measurement, T_reference = rows[row]
-            time_s = float(len(mixed))
-            motion = SE2.identity() if n == 0 else measurement.motion
-            mixed.append(
-                (
-                    Measurement(time_s, motion, measurement.scan, measurement.motion_covariance),
-                    T_reference,
+            if n == 0:
+                time_s += _JUMP_S
+                measurement = replace(
+                    measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
                 )
-            )
+            else:
+                # the stamps of some logs go back
+                time_s += max(measurement.time_s - rows[row - 1][0].time_s, 0.0)
+            mixed.append((replace(measurement, time_s=time_s), T_reference))
     return mixed, tuple(starts[1:])
 
 

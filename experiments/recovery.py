@@ -10,7 +10,8 @@ from slam.lost import Status
 def recovery_figures(
     records: list[dict[str, Any]], timings: list[dict[str, Any]], name: str
 ) -> dict[str, Any]:
-    """Of one method over the kidnaps; null where it is one that cannot say that it is lost.
+    """Of one method over the kidnaps that ran; null where it cannot say that it is lost, but for
+    confident_wrong, left out: what its matches say of it, `statistics` counts.
 
     detected_rate: of the kidnaps, how many were seen by the first scan after them. false_alarms:
     trials in which the robot called itself lost before. confident_wrong: trials that ended with a
