@@ -262,6 +262,8 @@ def localize(
         raise ValueError(f"--start takes three finite numbers, not {start}")
     T_start = None if start is None else SE2(*start)
     config = localizing.LocalizeConfig(method=method)
+    if out.exists() and not out.is_dir():  # refused now rather than after the log
+        raise ValueError(f"--out takes a folder, and {out} is a file")
     with ScanProgress(log.name) as progress:
         result = localizing.run(known_map, log, T_start, config, progress.update)
     localizing.write_results(result, out)

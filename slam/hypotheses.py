@@ -23,7 +23,7 @@ class HypothesesConfig:
     drift_m, drift_rad: by how much the wheels may be wrong between two views.
     min_views: through which a place has to have been the best one. beats: by how many times the
     margin a place must be better than one believed, beaten_scans: through how many scans in a row. min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
-    share of what the best leaves unexplained. chosen on the Intel, ACES and
+    share of what the best leaves unexplained. max_unexplained: more than that is sure of nothing. chosen on the Intel, ACES and
     Freiburg logs.
     """
 
@@ -38,6 +38,7 @@ class HypothesesConfig:
     beaten_scans: int = 1
     min_margin: float = 10.0
     min_share: float = 0.05
+    max_unexplained: float = math.inf
 
     @staticmethod
     def fit_for(segment_map: SegmentMap) -> HypothesesConfig:
@@ -59,6 +60,7 @@ class HypothesesConfig:
             beaten_scans=2,
             min_margin=12.0,
             min_share=0.2,
+            max_unexplained=0.8,
         )
 
 
@@ -118,6 +120,14 @@ class Hypotheses:
         if len(self.places) < 2:
             return math.inf
         return self.places[0].log_likelihood - self.places[1].log_likelihood
+
+    @property
+    def unexplained(self) -> float:
+        """What the best place leaves unexplained: of log-likelihood, per view and beam."""
+        if not self.places:
+            return 0.0
+        used = max(self.places[0].evidence.used, 1.0)
+        return -self.places[0].log_likelihood / (max(self.views, 1) * used)
 
     @property
     def margin_needed(self) -> float:

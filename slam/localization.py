@@ -173,7 +173,8 @@ class Localizer:
         self._monitor.take(unscaled, fit, self._filter.strain, self._offset_m)
         if self._monitor.has_offset:
             self._offset_m = self._monitor.offset_m
-        covariance = None if self._claims_nothing else self._filter.covariance + self._late
+        claims_nothing = self._claims_nothing or (self.guard is not None and self.guard.is_lost)
+        covariance = None if claims_nothing else self._filter.covariance + self._late
         return Estimate(
             measurement.time_s, T_predicted, self.T_map_base, match, covariance, nis,
             self._monitor.warnings + said, judged.verdict,

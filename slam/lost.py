@@ -269,6 +269,8 @@ class Guard:
                 f"another place fits nearly as well: log-likelihood margin {search.margin:.1f}"
                 f" of {search.margin_needed:.1f} needed, after {search.views} views"
             )
+        if search.unexplained > search.config.max_unexplained:
+            doubts.append("the best place on the map explains too little of the scans")
         if search.streak < search.config.min_views:
             doubts.append(
                 f"the best place through {search.streak} of {search.config.min_views} views needed"

@@ -361,7 +361,7 @@ def test_robot_that_sees_nothing_claims_nothing(office, blind_log, tmp_path):
 def test_folder_that_is_a_file_is_named(office, blind_log, tmp_path, capsys):
     (tmp_path / "out").touch()
     line = refusal(capsys, office, blind_log, "--out", tmp_path / "out")
-    assert line == f"{tmp_path}/out: File exists"
+    assert line == f"--out takes a folder, and {tmp_path}/out is a file"
 
 
 def test_robot_that_sees_nothing_follows_its_wheels_from_a_start(office, blind_log, tmp_path):
