@@ -68,7 +68,8 @@ class GuardConfig:
     once in a million. slip_scans, slip_m, slip_rad: over so many scans wheels and scans may differ by
     so much, and by what the wheels' own noise explains. slack: by which a fit may be worse than usual before the map is searched.
     patience: scans in a row that nothing explains before the robot says that it is lost.
-    blocked_m, blocked_share: a laser of which that share of the beams ends so near is blocked.
+    blocked_m, blocked_share: a laser of which that share of the beams ends so near, where the map has
+    nothing, is blocked.
     min_hits: a scan of fewer says nothing. turn_rad: steps of looking around. drop: of the share that
     fits, below its mean so far, that is not usual where a map is poor. recheck_drop, recheck_m: a scan
     that was found to fit here best is not searched for again before it fits so much worse, or the
@@ -85,7 +86,7 @@ class GuardConfig:
     slack: float = 0.02
     patience: int = 3
     blocked_m: float = 0.2
-    blocked_share: float = 0.5
+    blocked_share: float = 0.15
     min_hits: int = 20
     turn_rad: float = math.radians(40.0)
     drop: float = 0.15
@@ -174,7 +175,7 @@ class Guard:
     ) -> Judgement:
         """While tracking: whether to believe a match, given the pose before the wheels moved, the
         one that they predict, its covariance (3, 3), and that (3, 3) of their last motion."""
-        useless = self._useless(beams)
+        useless = self._useless(beams) or self._blocked(beams, T_predicted)
         if useless:
             self._way.clear()
             return Judgement(Verdict(Status.UNSURE, (useless,)), None)
@@ -208,7 +209,8 @@ class Guard:
         self._beaten = 0
         if jump is not None:
             # nothing tells the place matched from the one predicted: neither is believed yet
-            return self._lost(found, (jump, *misfits), matcher, beams, time_s)
+            lost = self._lost(found, (jump, *misfits), matcher, beams, time_s)
+            return Judgement(lost.verdict, match if match.is_matched else None, is_restart=True)
         if match.status is MatchStatus.DEGENERATE:
             open_way = "the scan leaves a direction open: the wheels alone tell where along it"
             return Judgement(Verdict(Status.UNSURE, (open_way, *misfits)), match)
@@ -257,6 +259,9 @@ class Guard:
             if matched.log_likelihood < best.evidence.log_likelihood:
                 # fitted walls bend a match that sees few of them: the pose that explains more stands
                 match = replace(match, T_map_base=best.T_map_base)
+        blocked = self._blocked(beams, best.T_map_base)
+        if blocked:
+            return Judgement(Verdict(Status.UNSURE, (blocked,), places), None)
         reasons = list(self._misfits(best.evidence, limits))
         if best.evidence.inlier_ratio < limits.wrong_inlier_ratio:
             return Judgement(
@@ -330,6 +335,8 @@ class Guard:
     def _usual(self, beams: Beams) -> VerdictLimits:
         """The limits of the map, made wider where its scans have fitted less than it promised."""
         limits = self.limits(beams)
+        if self.relocalizer.segment_map.is_exact:
+            return limits  # a fault that lasts must not become usual
         usual = min(limits.usual_inlier_ratio, self._mean_inliers - self.config.drop)
         return replace(limits, usual_inlier_ratio=usual)
 
@@ -353,20 +360,32 @@ class Guard:
         count = int(np.count_nonzero(hits))
         if count < min(config.min_hits, len(beams)):
             return f"{count} of {len(beams)} beams came back: no laser, or nothing in its reach"
-        near = np.count_nonzero(beams.ranges_m[hits] < config.blocked_m)
-        near += np.count_nonzero(beams.ranges_m == -np.inf)
-        if near > config.blocked_share * len(beams):
-            return f"{near} of {len(beams)} beams end within {config.blocked_m} m: laser blocked"
         return ""
+
+    def _blocked(self, beams: Beams, T_map_base: SE2) -> str:
+        """That something sits on the laser: beams that end near by, where the map has nothing."""
+        config = self.config
+        with np.errstate(invalid="ignore"):
+            is_near = beams.ranges_m < config.blocked_m  # -inf, too close, is near as well
+        if np.count_nonzero(is_near) <= config.blocked_share * len(beams):
+            return ""
+        walls_m, _ = self.relocalizer.segment_map.ranges(beams, T_map_base, 2.0 * config.blocked_m)
+        near = int(np.count_nonzero(is_near & (walls_m > 1.5 * config.blocked_m)))
+        if near <= config.blocked_share * len(beams):
+            return ""
+        return f"{near} of {len(beams)} beams end within {config.blocked_m} m: laser blocked"
 
     def _jump(self, match: ScanMatch, T_predicted: SE2, covariance: FloatArray) -> str | None:
         """That the match is farther from the prediction than wheels and laser explain, in words."""
         config = self.config
         innovation = (T_predicted.inverse() @ match.T_map_base).log()
         bound = covariance + np.diag(np.square([config.jump_m, config.jump_m, config.jump_rad]))
-        if match.information is not None and np.linalg.cond(match.information) < 1e12:
-            bound = bound + np.linalg.inv(match.information)
-        squared = float(innovation @ np.linalg.solve(bound, innovation))
+        known = match.information
+        if known is None:
+            squared = float(innovation @ np.linalg.solve(bound, innovation))
+        else:  # (bound + known^-1)^-1, which needs no inverse where a direction is open
+            told = np.linalg.solve(np.eye(3) + known @ bound, known @ innovation)
+            squared = float(innovation @ told)
         if not squared > config.max_jump:
             return None
         off_m = math.hypot(innovation[0], innovation[1])

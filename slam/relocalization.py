@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -90,6 +90,8 @@ class Relocalizer:
     ) -> Relocalizer:
         """For a map of walls. is_free: where to search; None: in front of the walls."""
         config = config or RelocalizerConfig()
+        evidence = config.evidence or EvidenceConfig.fit_for(segment_map)
+        config = replace(config, evidence=evidence)
         cell_m = config.search.cell_m
         reach_m = laser.range_max_m
         # refuses a map too large before it is cut into pieces
@@ -106,8 +108,10 @@ class Relocalizer:
         found = []
         for candidate in self.grid.search(points):
             start = candidate.T_map_base
-            # where the map is poor, refining may lead away from a pose that was right
-            found += [self.at(beams, start), self._refined(beams, few, start, self.config.first)]
+            found.append(self._refined(beams, few, start, self.config.first))
+            if not self.segment_map.is_exact:
+                # where the map is poor, refining may lead away from a pose that was right
+                found.append(self.at(beams, start))
         starts = self.distinct(found)[: self.config.max_refined]
         return self.distinct(
             hypothesis

@@ -27,17 +27,19 @@ def score_of(
 
     most: what all points together can give.
     """
-    total, count, i = 0, offsets.shape[0], 0
+    count, total = offsets.shape[0], 0
+    whole = count // _CHUNK
     room = most - least  # what may still be missed
-    while i < count:
-        stop = min(i + _CHUNK, count)
-        first = i
-        while i < stop:
-            total += level[at + offsets[i]]
-            i += 1
-        room -= 255 * (stop - first)
-        if total + room < 0 and i < count:
+    for chunk in range(whole):
+        part = 0
+        for j in range(_CHUNK):  # unsigned: a signed index is asked whether it counts from the end
+            part += level[np.uintp(at + offsets[chunk * _CHUNK + j])]
+        total += part
+        room -= 255 * _CHUNK
+        if total + room < 0:
             return -1
+    for i in range(whole * _CHUNK, count):
+        total += level[np.uintp(at + offsets[i])]
     return total
 
 

@@ -9,6 +9,7 @@ from slam import SE2, FastMatcher, LimitMatcher, Localizer, Measurement, Segment
 from slam.lost import Guard, Status
 from slam.measurements import LaserScan
 from slam.relocalization import Relocalizer
+from slam.scan_match import MatchStatus, ScanMatch
 from tests.slam.all_methods import MODEL, SIGMA_M
 from tests.slam.synthetic import ANGLES_RAD, ROOM_SEGMENTS, scan_of
 
@@ -172,6 +173,54 @@ def test_corridor_without_an_end_is_unsure():
         estimate = robot.look(STEP)
         assert estimate.verdict.status is Status.UNSURE
         assert "direction open" in estimate.verdict.reasons[0]
+
+
+def test_end_of_a_corridor_is_no_kidnap():
+    # what slid along the open direction was once judged as if it were certain
+    walls = [[[-9.0, 0.0], [30.0, 0.0]], [[-9.0, 2.0], [30.0, 2.0]], [[30.0, 0.0], [30.0, 2.0]]]
+    robot = Robot(made(np.array(walls)), SE2(12.0, 1.0, 0.0), at=SE2(12.0, 1.0, 0.0))
+    statuses = []
+    for _ in range(70):
+        step = SE2(0.15, 0.0, 0.0)
+        scan = scan_of(
+            robot.segments, robot.at @ step @ LASER, robot.rng, SIGMA_M, range_max_m=10.0
+        )
+        statuses.append(robot.look(step, scan=scan).verdict.status)
+    assert Status.LOST not in statuses
+    assert statuses[10] is Status.UNSURE
+    assert statuses[-1] is Status.TRACKING
+
+
+def test_slide_along_an_open_direction_is_no_jump(room):
+    guard = Robot(room, START).localizer.guard
+    slid = ScanMatch(
+        START @ SE2(0.45, 0.0, 0.0), MatchStatus.DEGENERATE, information=np.diag([1e-14, 1e6, 1e6])
+    )
+    known = ScanMatch(slid.T_map_base, MatchStatus.MATCHED, information=np.diag([1e6, 1e6, 1e6]))
+    assert guard._jump(slid, START, np.diag([1e-4, 1e-4, 1e-4])) is None
+    assert guard._jump(known, START, np.diag([1e-4, 1e-4, 1e-4])) is not None
+
+
+def test_laser_blocked_in_part_is_never_fine(room):
+    robot = Robot(room, START)
+    robot.look()
+    for count in range(30):
+        scan = scan_of(ROOM_SEGMENTS, robot.at @ LASER, robot.rng, SIGMA_M)
+        ranges_m = scan.ranges_m.copy()
+        ranges_m[:150] = 0.1 + 1e-4 * count
+        blocked = LaserScan(0.0, ANGLES_RAD, ranges_m)
+        estimate = robot.look(told=STILL, scan=blocked)
+        assert estimate.verdict.status is Status.UNSURE
+        assert "laser blocked" in estimate.verdict.reasons[0]
+
+
+def test_robot_set_down_before_a_wall_is_not_blocked(room):
+    robot = Robot(room, None, at=SE2(2.0, 0.28, -math.pi / 2))
+    scan = scan_of(ROOM_SEGMENTS, robot.at @ LASER, robot.rng, SIGMA_M)
+    assert np.count_nonzero(scan.ranges_m < 0.2) > 0.15 * len(scan.ranges_m)
+    for _ in range(4):
+        estimate = robot.look(told=STILL)
+        assert not any("blocked" in reason for reason in estimate.verdict.reasons)
 
 
 def test_motion_without_a_scan_moves_pose_and_places(room):
