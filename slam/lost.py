@@ -69,7 +69,7 @@ class GuardConfig:
     so much, and by what the wheels' own noise explains. slack: by which a fit may be worse than usual before the map is searched.
     patience: scans in a row that nothing explains before the robot says that it is lost.
     blocked_m, blocked_share: a laser of which that share of the beams ends so near, where the map has
-    nothing, is blocked.
+    nothing, is blocked; blocked_all: wherever it is.
     min_hits: a scan of fewer says nothing. turn_rad: steps of looking around. drop: of the share that
     fits, below its mean so far, that is not usual where a map is poor. recheck_drop, recheck_m: a scan
     that was found to fit here best is not searched for again before it fits so much worse, or the
@@ -87,6 +87,7 @@ class GuardConfig:
     patience: int = 3
     blocked_m: float = 0.2
     blocked_share: float = 0.15
+    blocked_all: float = 0.8
     min_hits: int = 20
     turn_rad: float = math.radians(40.0)
     drop: float = 0.15
@@ -175,10 +176,14 @@ class Guard:
     ) -> Judgement:
         """While tracking: whether to believe a match, given the pose before the wheels moved, the
         one that they predict, its covariance (3, 3), and that (3, 3) of their last motion."""
-        useless = self._useless(beams) or self._blocked(beams, T_predicted)
+        useless = self._useless(beams)
         if useless:
             self._way.clear()
             return Judgement(Verdict(Status.UNSURE, (useless,)), None)
+        blocked = self._blocked(beams, T_predicted)
+        if blocked:
+            self._way.clear()
+            return self._blocked_or_carried(blocked, beams, matcher, T_predicted, time_s)
         limits = self._usual(beams)
         has_pose = match.is_matched or match.status is MatchStatus.DEGENERATE
         T_now = match.T_map_base if has_pose else T_predicted
@@ -225,6 +230,20 @@ class Guard:
         # worse than usual, but best explained where the robot believes to be: people in the way
         self._checked = evidence.inlier_ratio, T_now
         return Judgement(Verdict(Status.TRACKING, misfits), match)
+
+    def _blocked_or_carried(
+        self, blocked: str, beams: Beams, matcher: Matcher, T_predicted: SE2, time_s: float
+    ) -> Judgement:
+        """A laser with something on it, unless there is a wall as near at another place."""
+        found = Hypotheses(self.relocalizer, self.config.hypotheses)
+        # where a robot can stand, some beams go farther than that
+        is_all = np.mean(beams.ranges_m < self.config.blocked_m) > self.config.blocked_all
+        places = () if is_all else found.look(beams)
+        is_wall = bool(places) and not self._blocked(beams, places[0].T_map_base)
+        if is_wall and found.beats(T_predicted, beams):
+            reason = "carried away: the scan fits another place far better"
+            return self._lost(found, (reason,), matcher, beams, time_s)
+        return Judgement(Verdict(Status.UNSURE, (blocked,)), None)
 
     def _lost(
         self,

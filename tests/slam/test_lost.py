@@ -223,6 +223,14 @@ def test_robot_set_down_before_a_wall_is_not_blocked(room):
         assert not any("blocked" in reason for reason in estimate.verdict.reasons)
 
 
+def test_robot_carried_before_a_wall_is_lost_not_blocked(room):
+    robot = Robot(room, START)
+    robot.look()
+    robot.at = SE2(2.0, 0.28, -math.pi / 2)
+    assert robot.look(told=STILL).verdict.status is Status.LOST
+    assert robot.is_right(robot.look(told=STILL))
+
+
 def test_motion_without_a_scan_moves_pose_and_places(room):
     robot = Robot(room, None, at=ELSEWHERE[0])
     robot.look()
