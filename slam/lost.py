@@ -274,10 +274,9 @@ class Guard:
         if not best.is_near(match.T_map_base, config.drift_m, config.drift_rad):
             match = ScanMatch(best.T_map_base, MatchStatus.NOT_CONVERGED)
         elif not self.relocalizer.segment_map.is_exact:
-            matched = self.relocalizer.at(beams, match.T_map_base)
-            if matched.log_likelihood < best.evidence.log_likelihood:
-                # fitted walls bend a match that sees few of them: the pose that explains more stands
-                match = replace(match, T_map_base=best.T_map_base)
+            # along corridors fitted walls bend a beam match by decimetres, points on surfaces less:
+            # 0.17 and 0.24 m against 0.02 and 0.14 m on the Intel log
+            match = replace(match, T_map_base=best.T_map_base)
         blocked = self._blocked(beams, best.T_map_base)
         if blocked:
             return Judgement(Verdict(Status.UNSURE, (blocked,), places), None)

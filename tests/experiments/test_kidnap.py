@@ -1,6 +1,7 @@
 """Experiment 2: what the robot can and cannot know after it was carried."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -59,3 +60,27 @@ def test_place_without_a_metre_of_free_floor_is_refused(quick_config, box_room):
     assert checked(quick_config) == quick_config
     with pytest.raises(ValueError, match="nothing is free 1 m lower in y than its start"):
         checked(TrialConfig(poses="paper", place=box_room))
+
+
+def test_robot_carried_anywhere_notices_it_and_finds_itself():
+    config = TrialConfig(
+        poses="anywhere", place="symmetric_room", methods=("paper", "limit"), people=2
+    )
+    record = run_trial(config, generator("kidnap", 3, 0)).record()
+    found = record["methods"]["limit"]
+    assert found["success"]
+    assert found["detected"]
+    assert not found["false_alarm"]
+    assert found["looks"][0]["verdict"] == "lost"
+    assert found["looks"][-1]["verdict"] == found["verdict"] == "tracking"
+    assert 2 <= len(found["looks"]) <= 6
+    scores = found["lost_scores"]
+    assert scores["before"]["inlier_ratio"] > scores["after"]["inlier_ratio"]
+    assert "looks" not in record["methods"]["paper"]  # plain ICP has its one scan
+
+
+def test_carried_anywhere_ends_anywhere(quick_config):
+    config = replace(quick_config, poses="anywhere")
+    ends = np.array([run_trial(config, generator("kidnap", 0, i)).true_poses[-1] for i in range(4)])
+    assert np.ptp(ends[:, :2], axis=0).min() > 0.3
+    assert np.ptp(ends[:, 2]) > 0.5
