@@ -204,6 +204,11 @@ class Guard:
                 return Judgement(Verdict(Status.UNSURE, (slip,)), match, is_restart=True)
         found = Hypotheses(self.relocalizer, self.config.hypotheses)
         found.look(beams)
+        if jump is not None and found.places:
+            # a match that went astray: the search agrees with the wheels
+            again = matcher(beams, found.places[0].T_map_base)
+            if again.is_matched and self._jump(again, T_predicted, covariance) is None:
+                return Judgement(Verdict(Status.TRACKING, misfits), again)
         if found.places and found.beats(T_predicted if jump else T_now, beams):
             self._beaten += 1
             reasons = (jump or "carried away: the scan fits another place far better", *misfits)

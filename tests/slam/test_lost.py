@@ -1,6 +1,7 @@
 """The verdict: a robot that follows itself, is carried away, and says what it knows."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -189,6 +190,25 @@ def test_end_of_a_corridor_is_no_kidnap():
     assert Status.LOST not in statuses
     assert statuses[10] is Status.UNSURE
     assert statuses[-1] is Status.TRACKING
+
+
+def test_match_that_went_astray_is_no_kidnap(room):
+    robot = Robot(room, START)
+    robot.look()
+    matcher, starts = robot.localizer.matcher, []
+
+    def astray_at_first(beams, T_predicted):
+        starts.append(T_predicted)
+        match = matcher(beams, T_predicted)
+        if len(starts) > 1:
+            return match
+        return replace(match, T_map_base=match.T_map_base @ SE2(0.4, 0.0, 0.2))
+
+    robot.localizer.matcher = astray_at_first
+    estimate = robot.look(STEP)
+    assert len(starts) == 2
+    assert estimate.verdict.status is Status.TRACKING
+    assert robot.is_right(estimate)
 
 
 def test_slide_along_an_open_direction_is_no_jump(room):
