@@ -65,7 +65,7 @@ class GuardConfig:
 
     hypotheses: None: what suits the map. jump_m, jump_rad: standard deviations of a match beside what it claims, when its innovation is
     judged; max_jump: normalised innovation squared that no wheel explains: 30 is exceeded by chance
-    once in a million. slip_scans, slip_m, slip_rad: over so many scans wheels and scans may differ by
+    once in a million. slip_scans, slip_way_m, slip_m, slip_rad: over so many scans, or such a way, wheels and scans may differ by
     so much, and by what the wheels' own noise explains. slack: by which a fit may be worse than usual before the map is searched.
     patience: scans in a row that nothing explains before the robot says that it is lost.
     blocked_m, blocked_share: a laser of which that share of the beams ends so near, where the map has
@@ -81,6 +81,7 @@ class GuardConfig:
     jump_rad: float = math.radians(1.2)
     max_jump: float = 30.0
     slip_scans: int = 10
+    slip_way_m: float = 0.5
     slip_m: float = 0.05
     slip_rad: float = math.radians(3.0)
     slack: float = 0.02
@@ -345,9 +346,14 @@ class Guard:
         way.append((T_now, told, noise))
         motion = SE2.identity()
         bound = 2.0 * np.diag(np.square([0.01, 0.01, 0.01]))
-        for _, step, spread in list(way)[1:]:
-            motion, bound = motion @ step, bound + spread
-        seen = way[0][0].inverse() @ T_now
+        T_then, went_m = T_now, 0.0
+        for k in range(len(way) - 1, 0, -1):
+            _, step, spread = way[k]
+            motion, bound, T_then = step @ motion, bound + spread, way[k - 1][0]
+            went_m += math.hypot(step.x, step.y)
+            if went_m > config.slip_way_m:  # scans far apart: not the drift of ten metres
+                break
+        seen = T_then.inverse() @ T_now
         off = (motion.inverse() @ seen).log()
         if math.hypot(off[0], off[1]) < config.slip_m and abs(off[2]) < config.slip_rad:
             return ""
