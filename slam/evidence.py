@@ -1,4 +1,4 @@
-"""What a scan says for a pose on a map: its likelihood there, and what of it contradicts the map."""
+"""What a scan says for a pose on a map: how likely it is there, and what contradicts the map."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class EvidenceConfig:
     elsewhere_odds, through_odds, behind_odds, silent_odds: of a beam against one that meets its
     wall: that ends where the map has none (somebody stands there); that goes through a wall to
     another (a door was closed, a chair taken away); through a wall to nowhere; that does not
-    come back. blur_m, blur_rad: how far off poses and walls may be. thickness_m: beams that end less
-    behind a wall have not gone through it. beam_rad: beams closer than this share what is wrong
-    with the map about them, and count for one together; chosen: 1 degree.
+    come back. blur_m, blur_rad: how far off poses and walls may be. thickness_m: beams that end
+    less behind a wall have not gone through it. beam_rad: beams closer than this share what is
+    wrong with the map about them, and count for one together; chosen: 1 degree.
     """
 
     elsewhere_odds: float = 0.05
@@ -116,7 +116,7 @@ def evidence_of(
         segment_map.normals, segment_map.sigma_m, beams.directions, beams.ranges_m,
         laser.noise_table, laser.limits_m, config.odds,
         float(laser.outliers[1]), config.blur_m, config.blur_rad, config.thickness_m,
-        T_map_base.theta, first, first_walls, nearest, walls, _weights(beams, config.beam_rad), sums,
+        T_map_base.theta, first, first_walls, nearest, walls, _weight(beams, config.beam_rad), sums,
     )  # fmt: skip
     used = max(float(sums[USED]), 1e-12)
     return Evidence(
@@ -125,9 +125,9 @@ def evidence_of(
     )  # fmt: skip
 
 
-def _weights(beams: Beams, beam_rad: float) -> FloatArray:
-    """(N,) what each beam counts: by its share of the angle that counts for one."""
+def _weight(beams: Beams, beam_rad: float) -> float:
+    """What each beam counts: by its share of the angle that counts for one."""
     if len(beams) < 2:
-        return np.ones(len(beams))
+        return 1.0
     step_rad = float(beams.angles_rad[-1] - beams.angles_rad[0]) / (len(beams) - 1)
-    return np.full(len(beams), min(1.0, step_rad / beam_rad))
+    return min(1.0, step_rad / beam_rad)

@@ -93,8 +93,8 @@ def match_lines(beams: Beams, line_map: LineMap, T_map_base: SE2, config: LineCo
         if not _fixes_the_pose(line_map, pairs, config):
             return ScanMatch.lost(history)
         T_corrected = _corrected(T_map_base, line_map, pairs)
-        moved = T_map_base.inverse() @ T_corrected
-        if _is_small(moved, config):
+        tolerances = config.translation_tolerance_m, config.rotation_tolerance_rad
+        if T_map_base.is_near(T_corrected, *tolerances):
             if gates == narrow_gates:
                 return ScanMatch.from_history(history, MatchStatus.MATCHED)
             gates = narrow_gates
@@ -177,11 +177,6 @@ def _corrected(T_map_base: SE2, line_map: LineMap, pairs: _LinePairs) -> SE2:
     offsets_m = _offsets_left_m(turned, line_map, pairs)
     shift = np.linalg.solve(normals.T @ weighted, weighted.T @ offsets_m)
     return SE2(turned.x + shift[0], turned.y + shift[1], turned.theta)
-
-
-def _is_small(moved: SE2, config: LineConfig) -> bool:
-    is_near = math.hypot(moved.x, moved.y) <= config.translation_tolerance_m
-    return is_near and abs(moved.theta) <= config.rotation_tolerance_rad
 
 
 def _merged(segments: FloatArray) -> FloatArray:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.consistency import InnovationMonitor
-from slam.deskew import BodyMotion, SweepClock, deskewed
-from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held, mixed
+from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held
 from slam.lost import Guard, Judgement, Status, Verdict, verdict_of
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
+from slam.straightening import Straightener
 
 _FROZEN = "the scan is the last one bit for bit: the laser has frozen"
 _UNUSED = {
@@ -26,34 +26,22 @@ _UNUSED = {
 }
 _DIMENSIONS = 3.0
 """Mean of a normalised innovation squared of as many numbers."""
-_LATE = 9.0
-"""Chosen: squared lateness, in standard deviations of the match, that is worth a word."""
-_CHANGE_ODDS = np.array([-2.0, 0.0, -5.0, -5.0, -5.0])
-"""Chosen, log of, for `BodyMotion.alternatives`: robots speed up evenly, most of the time."""
-_TRUST = 0.1
-"""Chosen: beams that pass edges make a scan's log-likelihood jump by 15 from one pose to the next."""
-_PROBES = np.diag([0.02, 0.0, 0.02])[[0, 2]]
-"""Ways within a sweep by which a first scan is tried for motion: 2 cm ahead, 20 mrad of a turn;
-shorter ones tell less than beams at edges make the log-likelihood jump."""
-_IS_MOVING = 15.0
-"""Chosen: gain in log-likelihood. In 15 poses each of room_fig4 a robot at rest exceeded it in one, at
-0.5 rad/s in all, at 0.2 m/s in ten, at 0.1 rad/s in two: slow motion is missed."""
 
 
 @dataclass(frozen=True)
 class LocalizerConfig:
     """How a `Localizer` follows the robot.
 
-    deskew: straighten each scan by the wheels; False: take it as it is. sweep_s: what a scan without
-    beam times may have taken, so that much the pose may be late. chosen: a slow laser's turn.
-    fastest: (m/s, rad/s) of a robot of whose motion the first scan tells only that there is one.
+    deskew: straighten each scan by the wheels; False: take it as it is. sweep_s: what a scan
+    without beam times may have taken, so that much the pose may be late; chosen: a slow laser's
+    turn. fastest: (m/s, rad/s) of a robot of whose motion the first scan tells only that there is
+    one.
     fuse: join a match that knows its covariance with the prediction; otherwise it replaces it.
-    start_sigma_m,
-    start_sigma_rad: how uncertain the first pose is, on each axis. max_nis: normalised innovation
-    squared beyond which match and prediction contradict each other: a match that explains the scan
-    is then believed alone. chosen: 30 is exceeded by chance once in a million. slip_nis: beyond it
-    the prediction's variance is made to fit, since wheels do slip. match_scales: by how much the
-    innovations seen may narrow and widen the matches' covariances.
+    start_sigma_m, start_sigma_rad: how uncertain the first pose is, on each axis. max_nis:
+    normalised innovation squared beyond which match and prediction contradict each other: a match
+    that explains the scan is then believed alone. chosen: 30 is exceeded by chance once in a
+    million. slip_nis: beyond it the prediction's variance is made to fit, since wheels do slip.
+    match_scales: by how much the innovations seen may narrow and widen the matches' covariances.
     """
 
     deskew: bool = True
@@ -88,8 +76,8 @@ class Estimate:
     T_map_base: the pose matched, fused with the prediction where the match knows its covariance;
     or the predicted one where nothing matched. covariance: (3, 3) of its tangent (x, y, theta) in
     the base frame, or None where the method claims nothing. nis: normalised innovation squared of
-    the match. warnings: what does not fit map, laser or wheels, in words. verdict: whether the pose is to
-    be believed, and why not; without a `Guard`, what the match says of itself.
+    the match. warnings: what does not fit map, laser or wheels, in words. verdict: whether the pose
+    is to be believed, and why not; without a `Guard`, what the match says of itself.
     """
 
     time_s: float
@@ -134,12 +122,14 @@ class Localizer:
         start = np.square([self.config.start_sigma_m] * 2 + [self.config.start_sigma_rad])
         self._filter = PoseFilter(T_map_base, np.diag(start), self.config.wheels)
         self._monitor = InnovationMonitor()
-        self._motion: BodyMotion | None = None
-        self._clock, self._viewpoint = SweepClock(), Viewpoint()
+        self._viewpoint = Viewpoint()
+        self._straightener = Straightener(
+            T_base_laser,
+            deskew=self.config.deskew,
+            sweep_s=self.config.sweep_s,
+            fastest=self.config.fastest,
+        )
         self._last: Measurement | None = None
-        self._lead_s = 0.0
-        self._moved: FloatArray = np.zeros(3)
-        self._late: FloatArray = np.zeros((3, 3))
         self._claims_nothing = False
         self._match_scale, self._fused = 1.0, 0
         self._offset_m = 0.0
@@ -152,11 +142,9 @@ class Localizer:
     def update(self, measurement: Measurement) -> Estimate:
         """One pass of Fig. 2. Without a match the prediction stands."""
         motion, noise = measurement.motion, measurement.motion_covariance
-        T_last, duration_s = self.T_map_base, self._clock.duration_s(measurement.time_s, motion)
-        moved = self._filter.predict(motion, duration_s, noise)  # step 1
-        self._viewpoint.move(moved)
+        T_last, beam_times_s = self.T_map_base, measurement.scan.beam_times_s
+        moved = self._predict(measurement.time_s, beam_times_s, motion, noise)  # step 1
         T_predicted = self.T_map_base
-        self._take_motion(measurement.time_s, measurement.scan.beam_times_s, moved, duration_s)
         judged, said = self._judged(measurement, T_last, moved)
         # a match that is not to be used leaves the prediction as it is
         match = judged.match or ScanMatch(T_predicted, _UNUSED[judged.verdict.status])
@@ -174,7 +162,7 @@ class Localizer:
         if self._monitor.has_offset:
             self._offset_m = self._monitor.offset_m
         claims_nothing = self._claims_nothing or (self.guard is not None and self.guard.is_lost)
-        covariance = None if claims_nothing else self._filter.covariance + self._late
+        covariance = None if claims_nothing else self._filter.covariance + self._straightener.late
         return Estimate(
             measurement.time_s, T_predicted, self.T_map_base, match, covariance, nis,
             self._monitor.warnings + said, judged.verdict,
@@ -182,10 +170,7 @@ class Localizer:
 
     def move(self, time_s: float, motion: SE2, motion_covariance: FloatArray) -> None:
         """Follows the wheels to a time without a scan, as `update` would first do."""
-        duration_s = self._clock.duration_s(time_s, motion)
-        moved = self._filter.predict(motion, duration_s, motion_covariance)
-        self._viewpoint.move(moved)
-        self._take_motion(time_s, None, moved, duration_s)
+        moved = self._predict(time_s, None, motion, motion_covariance)
         if self.guard is not None:
             self.guard.carry(moved)
 
@@ -201,19 +186,22 @@ class Localizer:
     def _judged(
         self, measurement: Measurement, T_last: SE2, moved: SE2
     ) -> tuple[Judgement, tuple[str, ...]]:
-        """The scan matched, and what to make of it; while lost, searched for all over the map.
-        What is to be said of the scan itself as well."""
-        guard, T_predicted, scan = self.guard, self.T_map_base, measurement.scan
+        """The scan matched, and what to make of it; while lost, searched for all over the map. What
+        is to be said of the scan itself as well."""
+        guard, scan = self.guard, measurement.scan
         if self._is_repeated(measurement):
             # the same noise twice is no second look: it would be counted as one
             if guard is not None:
                 guard.carry(moved)
             return Judgement(Verdict(Status.UNSURE, (_FROZEN,)), None), ()
-        self._late = np.zeros((3, 3))
         if guard is not None and guard.is_lost:
+            self._straightener.late = np.zeros((3, 3))  # that of the pose before is over
             beams = self._beams_of(scan)
             return guard.search(beams, moved, self.matcher, measurement.time_s), ()
-        match, said = self._straightened(scan)  # steps 2 to 7
+        T_predicted = self.T_map_base
+        match, said = self._straightener.matched(  # steps 2 to 7
+            scan, lambda beams: self.matcher(beams.shortened(self._offset_m), T_predicted)
+        )
         if guard is None:
             return Judgement(verdict_of(match), match), said
         judged = guard.judge(
@@ -222,11 +210,19 @@ class Localizer:
         )  # fmt: skip
         return judged, said
 
+    def _predict(
+        self, time_s: float, beam_times_s: FloatArray | None, motion: SE2, noise: FloatArray
+    ) -> SE2:
+        """Moves the pose on by what the wheels told up to a stamp; the motion as it truly was."""
+        duration_s = self._straightener.duration_s(time_s, motion)
+        moved = self._filter.predict(motion, duration_s, noise)
+        self._viewpoint.move(moved)
+        self._straightener.take_motion(time_s, beam_times_s, moved, duration_s)
+        return moved
+
     def _beams_of(self, scan: LaserScan) -> Beams:
-        """The beams of a scan, straightened by the motion where it is known, freed of the offset."""
-        if self._motion is None or scan.beam_times_s is None or not self.config.deskew:
-            return Beams.of(scan, self.T_base_laser).shortened(self._offset_m)
-        return deskewed(scan, self.T_base_laser, self._motion).shortened(self._offset_m)
+        """The beams of a scan, straightened where the motion is known, freed of the offset."""
+        return self._straightener.beams(scan).shortened(self._offset_m)
 
     def _restart(self, match: ScanMatch) -> None:
         """The pose is the match's, whatever was believed before."""
@@ -273,128 +269,9 @@ class Localizer:
         scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
         self._match_scale = min(max(scale, low), high)
 
-    def _take_motion(
-        self, time_s: float, beam_times_s: FloatArray | None, moved: SE2, duration_s: float
-    ) -> None:
-        """Notes the motion up to a stamp; none where it is not known how long it took."""
-        end_s, times_s = time_s, beam_times_s
-        if times_s is None or not len(times_s):
-            pass
-        elif self._clock.is_told:
-            self._lead_s = end_s - float(times_s.max())
-        else:  # a stamp not to believe: the beams' own times tell when it ended
-            end_s = float(times_s.max()) + self._lead_s
-        self._moved, before, self._motion = moved.log(), self._motion, None
-        if np.isfinite(duration_s):
-            start_s = end_s - duration_s
-            before = None if before is None else before.ended(start_s)
-            self._motion = BodyMotion.over(moved, start_s, end_s, before)
-
-    def _straightened(self, scan: LaserScan) -> tuple[ScanMatch, tuple[str, ...]]:
-        """The match of a scan, straightened as far as it can be, and what is to be said of it."""
-        motion = self._motion
-        if motion is None:
-            return self._match_of_unknown_motion(scan)
-        if scan.beam_times_s is None or not self.config.deskew:
-            return self._match_skewed(scan, motion)
-        match = self._match_along(scan, motion)
-        if match.information is None or motion.is_steady(match.information):
-            return match, ()
-        ways = motion.alternatives()
-        found = [match if way is motion else self._match_along(scan, way) for way in ways]
-        return _likeliest(found, _CHANGE_ODDS, _TRUST), ()
-
-    def _match(self, beams: Beams) -> ScanMatch:
-        return self.matcher(beams.shortened(self._offset_m), self.T_map_base)
-
-    def _match_along(self, scan: LaserScan, motion: BodyMotion) -> ScanMatch:
-        """The match of a scan straightened by a motion, less sure by what that does not know."""
-        match = self._match(deskewed(scan, self.T_base_laser, motion))
-        if match.information is None:
-            return match
-        return replace(match, information=motion.less_sure(match.information))
-
-    def _match_skewed(
-        self, scan: LaserScan, motion: BodyMotion
-    ) -> tuple[ScanMatch, tuple[str, ...]]:
-        """The match of a scan as it is, its lateness noted: an error that never averages out."""
-        beams = Beams.of(scan, self.T_base_laser)
-        match, sweep_s = self._match(beams), self.config.sweep_s
-        if scan.beam_times_s is not None and len(beams):
-            sweep_s = motion.end_s - float(scan.beam_times_s.min())
-        lever_m = float(np.hypot(*beams.points.T).mean()) if beams.is_hit.any() else 0.0
-        self._late = motion.lateness(min(sweep_s, motion.end_s - motion.start_s), lever_m)
-        if match.information is None or np.trace(match.information @ self._late) < _LATE:
-            return match, ()
-        speed_mps, turn_radps = math.hypot(*motion.velocity[:2]), abs(motion.velocity[2])
-        why = "it has no beam times" if scan.beam_times_s is None else "deskew is switched off"
-        return match, (
-            f"scan not straightened: {why}, and the robot moved at {speed_mps:.2f} m/s and"
-            f" {turn_radps:.2f} rad/s",
-        )
-
-    def _match_of_unknown_motion(self, scan: LaserScan) -> tuple[ScanMatch, tuple[str, ...]]:
-        """The match of a scan before any motion is known: at rest, unless it says otherwise."""
-        match = self._match(Beams.of(scan, self.T_base_laser))
-        times_s = scan.beam_times_s
-        sweep_s = np.inf if times_s is None or not len(times_s) else float(np.ptp(times_s))
-        if sweep_s == 0.0:
-            return match, ()
-        # the motion told took as long as the sweep at least
-        self._late = np.outer(self._moved, self._moved) / 4.0
-        if np.isinf(sweep_s) or match.information is None or match.log_likelihood is None:
-            return match, ()
-        late, is_moving = np.zeros((3, 3)), False
-        fastest = np.array([self.config.fastest[0], 0.0, self.config.fastest[1]])
-        for probe in _PROBES:
-            gain, slope = self._tried(scan, match, probe / sweep_s)
-            is_moving = is_moving or gain > _IS_MOVING
-            off = slope * float(fastest @ (probe > 0.0)) * sweep_s / probe.max()
-            late += np.outer(off, off)
-        if not is_moving:
-            return match, ()
-        self._late = self._late + late
-        return match, (
-            "scan not straightened: the robot moved while it was taken, and nothing tells how",
-        )
-
-    def _tried(
-        self, scan: LaserScan, match: ScanMatch, velocity: FloatArray
-    ) -> tuple[float, FloatArray]:
-        """Most that a motion along a velocity (3,) gains in log-likelihood; half the change (3,) of
-        the pose from minus to plus that velocity."""
-        end_s, back = scan.time_s, match.T_map_base.inverse()
-        found = []
-        for sign in (-1.0, 1.0):
-            motion = BodyMotion.over(SE2.exp(sign * velocity), end_s - 1.0, end_s)
-            found.append(self._match(deskewed(scan, self.T_base_laser, motion)))
-        before, after = (
-            -math.inf if one.log_likelihood is None else one.log_likelihood for one in found
-        )
-        first, last = ((back @ one.T_map_base).log() for one in found)
-        assert match.log_likelihood is not None
-        half, bend = (after - before) / 2.0, 2.0 * match.log_likelihood - before - after
-        best = half * half / (2.0 * bend) if bend > 0.0 else 0.0
-        gain = max(best, before - match.log_likelihood, after - match.log_likelihood)
-        return gain, (last - first) / 2.0
-
     def _is_repeated(self, measurement: Measurement) -> bool:
         """True where a laser that froze gives the last scan once more, bit for bit."""
         if self._last is None:
             return False
         now, before = measurement.scan.ranges_m, self._last.scan.ranges_m
         return bool(np.isfinite(now).any() and np.array_equal(now, before, equal_nan=True))
-
-
-def _likeliest(found: list[ScanMatch], log_odds: FloatArray, trust: float = 1.0) -> ScanMatch:
-    """Those of several matches that hold, mixed by their odds and by what each says of the scan.
-
-    trust: share of a log-likelihood that counts.
-    """
-    usable = [
-        k for k, match in enumerate(found) if match.is_matched and match.information is not None
-    ]
-    if not usable:
-        return found[0]
-    log_likelihoods = np.array([found[k].log_likelihood or 0.0 for k in usable])
-    return mixed([found[k] for k in usable], log_odds[usable] + trust * log_likelihoods)

@@ -143,7 +143,8 @@ _NEAR_HEADINGS_RAD = (0.0, 0.175, -0.175, 0.35, -0.35)
 _NEAR_SHIFTS_M = ((0.0, 0.0), (0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2))
 
 _NEAR_COST = 0.2
-"""Below it the surfels have found the pose to a few millimetres, and the blurred stages can be left out."""
+"""Below it the surfels have found the pose to a few millimetres, and the blurred stages can be left
+out."""
 _NEAR_TURNS_RAD = (0.0, 0.06, -0.06)
 _FAR_BLURS_M = (0.1, 0.03, 0.003)
 """From a start ten centimetres off: legs near by, which hide half the room, draw no beam over."""
@@ -189,7 +190,7 @@ class FastMatcher:
             found.information,
             # the kernel makes of a squared residual of q sigmas q / (6 + q) of a cost
             log_likelihood=-3.0 * found.cost * found.point_count,
-            repeated=_REPEATED if self.grid.normal_sigma_rad < 0.01 else _REPEATED_OF_MAP,
+            repeated=_REPEATED if self.grid.is_exact else _REPEATED_OF_MAP,
         )
         if found.point_count < self.verdict.min_beams or not found.cost <= self.max_cost:
             return match

@@ -16,7 +16,7 @@ from scipy.special import expit
 
 from slam.arrays import BoolArray, FloatArray, IntArray, checked_points
 from slam.beams import Beams
-from slam.kernels.grid_rays import count_cells
+from slam.ray_counts import RayCounts
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfels import SurfelConfig, surfel_map
@@ -30,8 +30,6 @@ _MISS = -math.log(3.0)
 """Log odds of one scan whose beams pass a cell. Chosen: one is enough to call the cell free."""
 _HIT = math.log(9.0)
 """Chosen: a hit outweighs two misses, since beams that graze a wall pass many cells of it."""
-_MOST_CELLS = 2**27
-"""Chosen: 580 m x 580 m at 5 cm, which needs 2 GB while it is counted."""
 _LEG_CELLS = 2
 """Chosen: what stands alone and is not longer than this many cells has no direction to speak of."""
 _SIDE_CELLS, _LEAST_SLOPE = 1.5, 0.06
@@ -131,7 +129,7 @@ class OccupancyGrid:
         return self.T_map_grid @ ((rows_columns[:, ::-1] + 0.5) * self.resolution_m)
 
     def points(self) -> FloatArray:
-        """(K, 2) where walls are seen [m], map frame: the middles of occupied cells beside free ones.
+        """(K, 2) where walls are seen [m], map frame: middles of occupied cells beside free ones.
 
         Beside: at a side or at a corner, so that of a thick wall its surface alone is left. In a
         map without any free cell, all that are occupied.
@@ -170,7 +168,7 @@ class OccupancyGrid:
         return SegmentMap(np.concatenate(pieces), np.concatenate(sigmas_m))
 
     def free_space(self, clearance_m: float) -> BoolArray:
-        """(rows, columns) True for free cells whose middle is at least so far from any occupied cell.
+        """(rows, columns) True for free cells with no occupied cell so near to their middle.
 
         An occupied cell is taken for the circle about it: what is called clear is clear, and at its
         sides a fifth of a cell is given away. Unknown cells and the map's border are no obstacles.
@@ -188,7 +186,7 @@ class OccupancyGrid:
     def of_scans(
         scans: Iterable[tuple[SE2, Beams]], resolution_m: float = 0.05, free_range_m: float = 0.0
     ) -> OccupancyGrid:
-        """The grid of what scans saw: each cell's odds by how many scans hit it, and how many passed.
+        """The grid of what scans saw: a cell's odds by how many scans hit it, and how many passed.
 
         scans: T_map_base and beams of each. A scan counts once for a cell, as a hit if any of its
         beams ended there. Ranges of nan, -inf and 0 tell nothing. free_range_m: how far a beam
@@ -202,10 +200,11 @@ class OccupancyGrid:
             raise ValueError(f"resolution_m must be above 0, not {resolution_m}")
         if not (math.isfinite(free_range_m) and free_range_m >= 0.0):
             raise ValueError(f"free_range_m must be finite and not negative, not {free_range_m}")
-        hits, misses, lower = _counted(scans, resolution_m, free_range_m)
+        counts = RayCounts.of(scans, resolution_m, free_range_m)
+        hits, misses, corner_m = counts.hits, counts.misses, counts.corner_m
         values = np.rint(OCCUPIED * expit(_HIT * hits + _MISS * misses)).astype(np.int8)
         values[(hits == 0) & (misses == 0)] = UNKNOWN
-        return OccupancyGrid(values, resolution_m, SE2(lower[0], lower[1], 0.0))
+        return OccupancyGrid(values, resolution_m, SE2(corner_m[0], corner_m[1], 0.0))
 
     def _surface(self) -> IntArray:
         """(K, 2) row and column of the cells of `points`."""
@@ -228,53 +227,6 @@ class OccupancyGrid:
                 end[:, axis] = side[:, axis]
                 ends.append(self.centres_of(end))
         return np.concatenate([np.stack(ends[:2], axis=1), np.stack(ends[2:], axis=1)])
-
-
-def still_standing(
-    points: ArrayLike,
-    scans: Iterable[tuple[SE2, Beams]],
-    cell_m: float = 0.1,
-    least_share: float = 0.1,
-) -> BoolArray:
-    """(K,) which of points (K, 2) [m], map frame, were not seen through by most later looks.
-
-    scans: T_map_base and beams of those that made the points. A point stands where, of the scans
-    that looked at its cell, this share at least ended there. chosen: doors that were shut once and
-    people go; what stands on thin legs stays.
-    """
-    points = checked_points(points, "points")
-    hits, misses, lower = _counted(scans, cell_m, 0.0)
-    columns, rows = np.floor((points - lower) / cell_m).astype(np.int64).T
-    is_inside = (rows >= 0) & (rows < hits.shape[0]) & (columns >= 0) & (columns < hits.shape[1])
-    stands = np.ones(len(points), dtype=np.bool_)
-    rows, columns = rows[is_inside], columns[is_inside]
-    looked = np.maximum(hits[rows, columns] + misses[rows, columns], 1)
-    stands[is_inside] = hits[rows, columns] >= least_share * looked
-    return stands
-
-
-def _counted(
-    scans: Iterable[tuple[SE2, Beams]], resolution_m: float, free_range_m: float
-) -> tuple[NDArray[np.int32], NDArray[np.int32], FloatArray]:
-    """Hits and misses (rows, columns) of each cell, and the grid's lower left corner (2,) [m]."""
-    starts, ends, is_hit, firsts = _rays(scans, free_range_m)
-    if len(starts) == 0:
-        raise ValueError("no beam of the scans tells anything: no hit, nothing known to be free")
-    if not (np.isfinite(starts).all() and np.isfinite(ends).all()):
-        raise ValueError("the poses and beams of scans must be finite")
-    starts, ends = starts / resolution_m, ends / resolution_m
-    lower = np.floor(np.minimum(starts.min(axis=0), ends.min(axis=0)))
-    upper = np.floor(np.maximum(starts.max(axis=0), ends.max(axis=0)))
-    if not np.prod(upper - lower + 1.0) <= _MOST_CELLS:
-        width_m, height_m = (upper - lower + 1.0) * resolution_m
-        raise ValueError(
-            f"the beams span {width_m:.6g} x {height_m:.6g} m, too many cells of"
-            f" {resolution_m} m; cut the far ranges"
-        )
-    columns, rows = (upper - lower + 1.0).astype(np.int64)
-    hits, misses = np.zeros((2, rows, columns), dtype=np.int32)
-    count_cells(starts - lower, ends - lower, is_hit, firsts, hits, misses)
-    return hits, misses, lower * resolution_m
 
 
 def _surfel_config(resolution_m: float) -> SurfelConfig:
@@ -359,22 +311,3 @@ def _distances_m(points: FloatArray, segments: FloatArray) -> FloatArray:
         across = offset - np.clip(share, -1.0, 1.0)[:, np.newaxis] * halves[ids]
         nearest_m = np.minimum(nearest_m, np.hypot(*across.T))
     return nearest_m
-
-
-def _rays(
-    scans: Iterable[tuple[SE2, Beams]], free_range_m: float
-) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
-    """Start and end (B, 2) [m], map frame, of the beams that tell something; (B,) whether they hit;
-    (S + 1,) the first of each scan, and their number."""
-    starts, ends, is_hit, counts = [np.empty((0, 2))], [np.empty((0, 2))], [np.empty(0, bool)], [0]
-    for T_map_base, beams in scans:
-        hit = beams.is_hit & (beams.ranges_m > 0.0)
-        tells = hit | (np.isposinf(beams.ranges_m) & (free_range_m > 0.0))
-        lengths_m = np.where(hit, beams.ranges_m, free_range_m)[tells, np.newaxis]
-        origins_m = beams.origins_m[tells]
-        starts.append(T_map_base @ origins_m)
-        ends.append(T_map_base @ (origins_m + lengths_m * beams.directions[tells]))
-        is_hit.append(hit[tells])
-        counts.append(len(origins_m))
-    firsts = np.cumsum(counts, dtype=np.int64)
-    return np.concatenate(starts), np.concatenate(ends), np.concatenate(is_hit), firsts

@@ -105,6 +105,11 @@ class SE2:
         c, s = math.cos(self.theta), math.sin(self.theta)
         return SE2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.theta)
 
+    def is_near(self, other: SE2, within_m: float, within_rad: float) -> bool:
+        """Whether another pose is at most so far away [m] and turned at most so much [rad]."""
+        is_beside = math.hypot(self.x - other.x, self.y - other.y) <= within_m
+        return is_beside and abs(wrap_angle(self.theta - other.theta)) <= within_rad
+
     def as_array(self) -> NDArray[np.float64]:
         """(x, y, theta) as an array (3,)."""
         return np.array([self.x, self.y, self.theta])

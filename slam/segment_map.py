@@ -24,7 +24,8 @@ class SegmentMap:
     """Walls as segments (S, 2, 2) [m], map frame; read-only.
 
     is_one_sided: each wall is seen from its left alone, going from its first to its second end;
-    otherwise each is kept in both directions. sigma_m: (S,) standard deviation of where each wall is, across it [m]: zeros for a known map.
+    otherwise each is kept in both directions. sigma_m: (S,) standard deviation of where each wall
+    is, across it [m]: zeros for a known map.
     Raises ValueError if the segments are not finite (S, 2, 2), or sigma_m does not fit them.
     """
 
@@ -129,6 +130,4 @@ class SegmentMap:
 def is_near_by(T_from: SE2, T_to: SE2) -> bool:
     """Whether the walls `seen_from` one pose are those that another may see: four fifths of the
     margins, since neither distance nor turn is what moves the view alone."""
-    moved = T_from.inverse() @ T_to
-    is_beside = math.hypot(moved.x, moved.y) <= 0.8 * _MARGIN_M
-    return is_beside and abs(moved.theta) <= 0.8 * _MARGIN_RAD
+    return T_from.is_near(T_to, 0.8 * _MARGIN_M, 0.8 * _MARGIN_RAD)

@@ -27,7 +27,7 @@ class SurfelGrid:
     So a wall is where it is to the micrometre, wherever it lies within its cells.
     surfels: (rows * columns, 4) float32: unit normal, offset along it, standard
     deviation [m]; 0 where no surface is within reach. is_one_sided: normals point to the open side.
-    normal_sigma_rad: how wrong normals are by chance.
+    is_exact: the walls are known, not fitted.
     """
 
     surfels: NDArray[np.float32]
@@ -35,7 +35,12 @@ class SurfelGrid:
     origin_m: FloatArray
     cell_m: float
     is_one_sided: bool
-    normal_sigma_rad: float
+    is_exact: bool
+
+    @property
+    def normal_sigma_rad(self) -> float:
+        """How wrong normals are by chance."""
+        return _NORMAL_SIGMA_RAD if self.is_exact else _FITTED_NORMAL_SIGMA_RAD
 
     @staticmethod
     def of(segment_map: SegmentMap, cell_m: float = 0.02, reach_m: float = 0.5) -> SurfelGrid:
@@ -58,9 +63,8 @@ class SurfelGrid:
         surfels = np.zeros((rows * columns, 4), dtype=np.float32)
         sigmas = np.maximum(segment_map.sigma_m[nearest], _LEAST_SIGMA_M)
         surfels[is_near] = np.column_stack([normals, offsets, sigmas])[is_near]
-        normal_sigma_rad = _NORMAL_SIGMA_RAD if segment_map.is_exact else _FITTED_NORMAL_SIGMA_RAD
         return SurfelGrid(
-            surfels, columns, lower, cell_m, segment_map.is_one_sided, normal_sigma_rad
+            surfels, columns, lower, cell_m, segment_map.is_one_sided, segment_map.is_exact
         )
 
 

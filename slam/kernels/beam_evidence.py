@@ -40,7 +40,7 @@ def weigh(
     first_walls: IntArray,
     nearest: FloatArray,
     nearest_walls: IntArray,
-    weights: FloatArray,
+    weight: float,
     sums: FloatArray,
 ) -> None:
     """One look at all beams of a scan, into sums (EVIDENCE_COUNT,).
@@ -51,7 +51,7 @@ def weigh(
     measures. odds: (4,) of a beam that does not end at a wall; that went through one and ends at
     another; that went through one and ends at none; that has no return though a wall is in reach.
     mixed: odds of a mixed pixel. blur [m], turn_blur [rad]: how far off the pose may be. thickness:
-    beams that end less behind a wall have not gone through it [m]. weights: (N,) what each counts.
+    beams that end less behind a wall have not gone through it [m]. weight: what each beam counts.
 
     A beam counts by how far from its wall it ends, across that wall (as in a likelihood field:
     Thrun, Burgard and Fox 2005, Section 6.4), 0 on it, and by what it passed.
@@ -61,7 +61,7 @@ def weigh(
     span = limits[1] - limits[0]
     elsewhere, through, behind, silent = odds[0], odds[1], odds[2], odds[3]
     for i in range(measured.shape[0]):
-        z, weight = measured[i], weights[i]
+        z = measured[i]
         if math.isnan(z) or z == -np.inf:
             continue
         h_first, wall = first[i], first_walls[i]

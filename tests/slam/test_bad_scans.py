@@ -1,4 +1,4 @@
-"""Whatever a laser sends: nothing raises, the pose stays finite, and no wrong pose is sure of itself."""
+"""Whatever a laser sends: nothing raises, the pose stays finite, no wrong one is sure of itself."""
 
 import math
 
@@ -50,16 +50,17 @@ def assert_sane(estimate: Estimate, true: SE2, name: str) -> None:
             assert error @ np.linalg.solve(covariance, error) < 50.0, name
 
 
-def after(name: str, scans: list[LaserScan], motion: SE2 = STEP) -> list[tuple[Estimate, SE2]]:
-    """Estimates and true poses of a robot that first saw its room, then these scans."""
+def after(name: str, scans: list[LaserScan], told: SE2 = STEP) -> list[tuple[Estimate, SE2]]:
+    """Estimates and true poses of a robot that first saw its room, then these scans, a STEP between
+    each two; told: what the wheels make of such a step."""
     matcher: Matcher = ROOM[name]
     robot, true = localizer(name, matcher, ROOM_CENTRE, LASER), ROOM_CENTRE
     good = scan_of(ROOM_SEGMENTS, true @ LASER, np.random.default_rng(0), SIGMA_M)
     assert robot.update(Measurement(0.0, SE2.identity(), good, NOISE)).is_matched
     pairs = []
     for i, scan in enumerate(scans):
-        true = true @ motion
-        pairs.append((robot.update(Measurement(0.1 * (i + 1), motion, scan, NOISE)), true))
+        true = true @ STEP
+        pairs.append((robot.update(Measurement(0.1 * (i + 1), told, scan, NOISE)), true))
     return pairs
 
 
@@ -153,25 +154,36 @@ def test_scan_without_beams_matches_nothing(name):
         assert_sane(estimate, true, name)
 
 
+# known: `observability.held` takes the box for a hold, though no beam has met it
+BESIDE_THE_BOX = pytest.mark.xfail(strict=True, reason="a box 0.1 m from what is seen of the wall")
+
+
 @pytest.mark.parametrize(
-    "name",
+    ("name", "end_m"),
     [
-        *METHODS,
+        *((name, 3.6) for name in METHODS),
+        pytest.param("paper", 3.9, marks=BESIDE_THE_BOX),
+        pytest.param("open3d", 3.9, marks=BESIDE_THE_BOX),
     ],
 )
-def test_one_wall_out_of_a_room_is_not_sure_of_a_wrong_pose(name):
-    # all but the beams on one wall are lost; the wheels go astray along it meanwhile
+def test_one_wall_out_of_a_room_is_not_sure_of_a_wrong_pose(name, end_m):
+    # all but the beams on one wall are lost; the wheels tell 50 mm for each 20 meanwhile: in the
+    # end they are 22 cm off along that wall, which nothing corrects
     true, scans = ROOM_CENTRE, []
     rng = np.random.default_rng(2)
     for _ in range(8):
         true = true @ STEP
         scan = scan_of(ROOM_SEGMENTS, true @ LASER, rng, SIGMA_M)
-        points = true @ LASER @ SE2.identity() @ scan.points(SE2.identity())
-        on_wall = (np.abs(points[:, 1]) < 0.1) & (points[:, 0] < 3.9)
+        points = true @ scan.points(LASER)
+        on_wall = (np.abs(points[:, 1]) < 0.1) & (points[:, 0] < end_m)
         scans.append(LaserScan(0.0, ANGLES_RAD, np.where(on_wall, scan.ranges_m, np.nan)))
         assert on_wall.sum() > 20
-    for estimate, at in after(name, scans):
+    pairs = after(name, scans, told=STEP @ SE2(0.03, 0.0, 0.0))
+    for estimate, at in pairs:
+        assert not estimate.is_matched
         assert_sane(estimate, at, name)
+    estimate, at = pairs[-1]
+    assert abs(estimate.T_map_base.x - at.x) > 0.15
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from slam.beam_likelihood import match_beams
@@ -270,6 +270,7 @@ def test_what_went_away_is_free_and_what_came_back_is_not():
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
+@example(89586)
 def test_cells_of_a_beam_are_those_that_it_runs_through(seed):
     rng = np.random.default_rng(seed)
     pose = SE2(*rng.uniform(-3.0, 3.0, 2), rng.uniform(-3.0, 3.0))
@@ -286,7 +287,11 @@ def test_cells_of_a_beam_are_those_that_it_runs_through(seed):
     expected[tuple(grid.cells_of(along[-1:]).T)] = 90
     differing = np.argwhere(expected != grid.cells)
     at_corner = {tuple(cell) for cell, count in zip(found, counts, strict=True) if count < 3}
-    assert {tuple(cell) for cell in differing} <= at_corner
+    for cell in {tuple(cell) for cell in differing} - at_corner:
+        # a corner so small that it lies between two of the points
+        to_cell_m = np.maximum(np.abs(along - grid.centres_of([cell])) - 0.05, 0.0)
+        assert np.hypot(*to_cell_m.T).min() < steps[1]
+        assert cell not in set(map(tuple, found))
 
 
 def test_room_is_found_where_it_is_and_nothing_behind_its_walls():
