@@ -1,10 +1,11 @@
-"""Experiment 2 (paper, Section 4.1, second Fig. 5, Table 2): lifted, moved -1 m in y, turned by 90 degrees.
+"""Experiment 2 (paper, Section 4.1, second Fig. 5, Table 2): lifted, moved and turned.
 
-The robot finds itself at (1), is carried to (2) by hand, its wheels held by the motors, and has to
-find itself again: its encoders tell nothing of the way. The paper's protocol repeats one pair of
-poses; random ones start anywhere in the free space, wherever (2) is free as well; `anywhere` draws
-(2) too, in any heading. Methods that know when they are lost may look up to six times, turning on
-the spot in between where that tells more; the others have their one scan at (2).
+The robot finds itself at (1), is carried to (2), -1 m in y and turned by 90 degrees, by hand, its
+wheels held by the motors, and has to find itself again: its encoders tell nothing of the way. The
+paper's protocol repeats one pair of poses; random ones start anywhere in the free space, wherever
+(2) is free as well; `anywhere` draws (2) too, in any heading. Methods that know when they are lost
+may look up to six times, turning on the spot in between where that tells more; the others have
+their one scan at (2).
 """
 
 from dataclasses import dataclass, field

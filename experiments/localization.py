@@ -98,7 +98,8 @@ def update_all(
         started_s = time.process_time()
         estimate = localizer.update(measurement)
         cpu_s[name] = time.process_time() - started_s
-        outcomes[name] = Outcome.of(estimate, true, config)
+        is_guarded = localizer.guard is not None
+        outcomes[name] = Outcome.of(estimate, true, config, is_guarded=is_guarded)
     return outcomes, cpu_s
 
 

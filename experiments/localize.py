@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.known_maps import KnownMap, assumed_laser, map_of_file
+from experiments.known_maps import KnownMap, LogConfig, map_of_file
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.localization import Estimate
@@ -32,19 +32,6 @@ robot that is lost; reasons joined by "; "."""
 
 
 @dataclass(frozen=True)
-class LocalizeConfig:
-    """What is assumed; the same for every log.
-
-    range_max_m: what lies farther is left out. chosen: at 12 m the beams of a SICK (1 degree) are
-    20 cm apart. range_sigma_m: noise of a range with what the scan's own way adds.
-    """
-
-    method: str = "limit"
-    range_max_m: float = 12.0
-    range_sigma_m: float = 0.02
-
-
-@dataclass(frozen=True)
 class LocalizedLog:
     """The estimates of a log's scans in order, on the map that they were found on.
 
@@ -53,7 +40,7 @@ class LocalizedLog:
 
     name: str
     map_name: str
-    config: LocalizeConfig
+    config: LogConfig
     known: KnownMap
     estimates: tuple[Estimate, ...]
     last_points: np.ndarray
@@ -100,7 +87,7 @@ def run(
     map_path: Path,
     log_path: Path,
     start: SE2 | None,
-    config: LocalizeConfig | None = None,
+    config: LogConfig | None = None,
     on_scan: Callable[[int, int, Estimate], None] | None = None,
 ) -> LocalizedLog:
     """Every scan of a CARMEN log on a ROS map, from a start or from nowhere.
@@ -108,8 +95,8 @@ def run(
     on_scan: told of each, with its number and how many there are. Raises ValueError for files that
     are not what they should be, OSError for unreadable ones.
     """
-    config = config or LocalizeConfig()
-    known = map_of_file(map_path, assumed_laser(config.range_max_m, config.range_sigma_m))
+    config = config or LogConfig()
+    known = map_of_file(map_path, config.laser)
     log = read_carmen(log_path)
     estimates, last = localized(known, log, start, config, on_scan)
     return LocalizedLog(log.name, map_path.name, config, known, tuple(estimates), last, start)
@@ -119,7 +106,7 @@ def localized(
     known: KnownMap,
     log: CarmenLog,
     start: SE2 | None,
-    config: LocalizeConfig,
+    config: LogConfig,
     on_scan: Callable[[int, int, Estimate], None] | None = None,
 ) -> tuple[list[Estimate], np.ndarray]:
     """The estimate of each scan, and the points of the last one tracked (N, 2), map frame."""
@@ -145,7 +132,7 @@ def localized(
 
 
 def _first_placed(estimates: Sequence[Estimate], start: SE2 | None) -> int:
-    """The number of the first estimate with a pose, found or given; their count if there is none."""
+    """The number of the first estimate with a pose, found or given; their count if none has."""
     if start is not None:
         return 0
     verdicts = [estimate.verdict for estimate in estimates]

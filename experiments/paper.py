@@ -36,9 +36,6 @@ Chosen: what global localisation is usually judged by."""
 KIDNAP_MOTION = np.array([0.0, -1.0, math.pi / 2])
 """Section 4.1: "-1m to the direction of Y coordinates, and ... rotated by 90 degrees"."""
 
-TRIALS = 100
-"""Section 4.1: "We conducted each experiment 100 times"."""
-
 # What the paper leaves unsaid, and our choice:
 # - pose (1): the site `start` of the place; the pair for room_fig4 is in models/places/README.md.
 # - how well the robot is put there by hand: kitasap_sim.hand.Operator, 1 cm and 0.02 rad.
@@ -46,8 +43,8 @@ TRIALS = 100
 #   by odometry; after the kidnap, with the wheels held, that is still pose (1).
 # - the distance within which points are related: none is given, so none is set but a room's width.
 # - the threshold of F: at the true pose (1) of room_fig4, F is 9e-4 m2 on average (noise of 1 %
-#   of up to 5.6 m, and mixed pixels paired with whatever is nearest); nearly twice that, since below its
-#   floor nothing ever matches. It is what ends the search early: see the stop rule.
+#   of up to 5.6 m, and mixed pixels paired with whatever is nearest); nearly twice that, since
+#   below its floor nothing ever matches. It is what ends the search early: see the stop rule.
 # - the end without a match: after max_iterations, or when nothing moves any more, it is lost.
 PAPER_ICP = IcpConfig(
     max_iterations=200,

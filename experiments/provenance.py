@@ -20,7 +20,7 @@ def versions() -> dict[str, str]:
 
 
 def commit() -> str | None:
-    """The commit of the sources that are running, "+" behind it if they differ; None outside git."""
+    """The commit of the sources that run, "+" behind it if they differ; None outside git."""
     folder = Path(__file__).parent
     try:
         # installed below somebody else's repository, this file is none of its own

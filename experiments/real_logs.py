@@ -17,21 +17,17 @@ from typing import Any
 
 import numpy as np
 
+from experiments.known_maps import KnownMap, LogConfig, points_of_scans
+from experiments.protocols import DEFAULT_METHOD
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
 from slam.icp import CoarseToFineConfig
-from slam.laser_model import LaserModel
 from slam.localization import Estimate, Localizer
-from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
 from slam.measurements import Measurement
 from slam.metrics import pose_errors
 from slam.odometry import compose_covariance
-from slam.point_map import PointMap
-from slam.range_noise import RangeNoise
 from slam.readers.carmen import CarmenConfig, CarmenLog, read_carmen
 from slam.se2 import SE2
-from slam.surfel_grid import SurfelGrid
-from slam.surfels import surfel_map
 from slam.trajectory import Trajectory, read_tum, write_tum
 
 # A scan that is farther off than this, yet called matched, was lost silently.
@@ -40,23 +36,20 @@ LOST_HEADING_RAD = math.radians(10.0)
 
 # Stamps are written with six decimals in both files.
 _SAME_STAMP_S = 1e-4
+# Finer than where whole maps are searched: what is known of these logs was measured with it.
+_SURFEL_CELL_M = 0.02
 
 
 @dataclass(frozen=True)
-class RealLogConfig:
-    """What the trial needs to know; the same for every log.
+class RealLogConfig(LogConfig):
+    """What the trial needs to know beside what is assumed of every log.
 
-    range_max_m: what lies farther is left out, of map and scans. chosen: at 12 m the beams of a
-    SICK (1 degree) are 20 cm apart, as far as a related point may be from either of two neighbours.
     map_spacing_m: chosen: about the error of a reference pose; finer would store the same wall
-    several times. method: open3d, fast or limit. range_sigma_m: noise of a range, for the latter two;
-    chosen: a SICK's 1 cm with what a scan's own way while it turns adds.
+    several times.
     """
 
-    range_max_m: float = 12.0
+    method: str = DEFAULT_METHOD["real-log"]
     map_spacing_m: float = 0.05
-    method: str = "open3d"
-    range_sigma_m: float = 0.02
     carmen: CarmenConfig = field(default_factory=CarmenConfig)
     matching: CoarseToFineConfig = field(default_factory=CoarseToFineConfig)
 
@@ -118,31 +111,17 @@ def run(
             f"{log.name}: {len(rows)} of {log.scan_count} scans have a pose of the same"
             f" stamp in {Path(reference_path).name}; the trial needs at least two"
         )
-    point_map = PointMap(np.empty((0, 2)), config.map_spacing_m)
-    for measurement, T_reference in rows[::2]:
-        point_map.integrate(T_reference @ measurement.scan.points(log.T_base_laser))
+    points = points_of_scans(rows[::2], log.T_base_laser, config.map_spacing_m)
+    known = KnownMap(
+        points, config.laser, spacing_m=config.map_spacing_m, surfel_cell_m=_SURFEL_CELL_M
+    )
     odd = list(joined_pairwise(rows))
     # The first odd scan starts at its reference: its own motion is undone beforehand.
     start = odd[0][1] @ odd[0][0].motion.inverse()
-    localizer = Localizer(_matcher(config, point_map), start, log.T_base_laser)
+    localizer = Localizer(known.matcher(config.method, config.matching), start, log.T_base_laser)
     estimates = tuple(localizer.update(measurement) for measurement, _ in odd)
     poses = np.array([T_reference.as_array() for _, T_reference in odd])
-    return RealLogResult(log.name, config, point_map.points, estimates, poses)
-
-
-def _matcher(config: RealLogConfig, point_map: PointMap) -> Matcher:
-    """The method asked for, on the map of points or on the walls that these make.
-
-    Raises ValueError, naming those there are, for another.
-    """
-    if config.method == "open3d":
-        return Open3dMatcher(point_map, config.matching)
-    if config.method not in ("fast", "limit"):
-        raise ValueError(f"no method called '{config.method}' here; there are: open3d, fast, limit")
-    walls = surfel_map(point_map.points)
-    laser = LaserModel(RangeNoise(((0.0, config.range_sigma_m),)), 0.0, config.range_max_m)
-    fast = FastMatcher(SurfelGrid.of(walls), laser)
-    return fast if config.method == "fast" else LimitMatcher(walls, laser, fast)
+    return RealLogResult(log.name, config, points, estimates, poses)
 
 
 def referenced(

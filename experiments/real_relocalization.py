@@ -11,14 +11,15 @@ import itertools
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.known_maps import KnownMap, assumed_laser, map_of_scans
+from experiments.known_maps import KnownMap, map_of_scans
+from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
@@ -159,9 +160,9 @@ def run(
     on_scan: told of each scan, with its number and how many there are. Raises ValueError for a
     protocol that is unknown, files that are not what they should be, OSError for unreadable ones.
     """
-    config = config or RealLogConfig(method="limit")
+    config = config or RealLogConfig()
     if protocol not in ("each", "jumps"):
-        raise ValueError(f"no protocol called '{protocol}'; there are: tracked, each, jumps")
+        raise ValueError(f"no protocol called '{protocol}'; there are: {', '.join(PROTOCOLS)}")
     log, reference = read_carmen(log_path, config.carmen), read_tum(reference_path)
     rows = list(referenced(log, reference, config.range_max_m))
     # of each piece of the half that is driven, two scans at least
@@ -171,17 +172,24 @@ def run(
             f"{log.name}: {len(rows)} scans have a reference pose in {reference_path.name}, this"
             f" needs {needed}"
         )
-    laser = assumed_laser(config.range_max_m, config.range_sigma_m)
-    half = len(rows) // 2
-    of_map = rows[::2] if protocol == "each" else rows[:half]
-    known = map_of_scans(of_map, log.T_base_laser, config.map_spacing_m, laser)
-    asking = _each if protocol == "each" else _driven
+    mount = log.T_base_laser
     starts: tuple[int, ...] = ()
     if protocol == "each":
-        order: Rows = rows[1::2]
+        of_map, order = rows[::2], rows[1::2]
     else:
+        half = len(rows) // 2
+        of_map = rows[:half]
         order, starts = teleported(rows[half:], jumps, np.random.default_rng(seed))
-    asked = asking(known, order, log.T_base_laser, config.method, on_scan)
+    known = map_of_scans(of_map, mount, config.map_spacing_m, config.laser)
+    if protocol == "each":
+        localizers = _new_localizers(known, order[0][0], mount, config.method)
+    else:
+        localizers = itertools.repeat(known.localizer(config.method, None, mount))
+    asked = []
+    for index, (row, localizer) in enumerate(zip(order, localizers, strict=False)):
+        asked.append(_asked(known, localizer, *row))
+        if on_scan is not None:
+            on_scan(index, len(order))
     return Relocalized(log.name, protocol, config, known, tuple(asked), starts)
 
 
@@ -217,56 +225,36 @@ def teleported(
     return mixed, tuple(starts[1:])
 
 
-def _each(
-    known: KnownMap, rows: Rows, T_base_laser: SE2, method: str, on_scan: OnScan | None
-) -> list[Asked]:
-    """Each scan by a localizer that knows nothing else, and will get no other."""
-    asked = []
-    limits = None
+def _new_localizers(
+    known: KnownMap, first: Measurement, T_base_laser: SE2, method: str
+) -> Iterator[Localizer]:
+    """Localizers without an end, each of which knows nothing; first: of the scans to be asked."""
     usual = HypothesesConfig.fit_for(known.walls)
     of_one_scan = GuardConfig(hypotheses=replace(usual, min_views=1))
-    for index, (measurement, T_reference) in enumerate(rows):
+    limits = None
+    while True:
         localizer = known.localizer(method, None, T_base_laser, of_one_scan)
         assert localizer.guard is not None
-        limits = limits or localizer.guard.limits(Beams.of(measurement.scan, T_base_laser))
+        # the same for all: found once
+        limits = limits or localizer.guard.limits(Beams.of(first.scan, T_base_laser))
         localizer.guard.take_limits(limits)
-        asked.append(_asked(known, localizer, measurement, T_reference, T_base_laser))
-        if on_scan is not None:
-            on_scan(index, len(rows))
-    return asked
-
-
-def _driven(
-    known: KnownMap, rows: Rows, T_base_laser: SE2, method: str, on_scan: OnScan | None
-) -> list[Asked]:
-    """All scans by one localizer, which starts without a pose."""
-    localizer = known.localizer(method, None, T_base_laser)
-    asked = []
-    for index, (measurement, T_reference) in enumerate(rows):
-        asked.append(_asked(known, localizer, measurement, T_reference, T_base_laser))
-        if on_scan is not None:
-            on_scan(index, len(rows))
-    return asked
+        yield localizer
 
 
 def _asked(
-    known: KnownMap,
-    localizer: Localizer,
-    measurement: Measurement,
-    T_reference: SE2,
-    T_base_laser: SE2,
+    known: KnownMap, localizer: Localizer, measurement: Measurement, T_reference: SE2
 ) -> Asked:
     started_s = time.process_time()
     estimate = localizer.update(measurement)
     cpu_s = time.process_time() - started_s
-    points = T_reference @ measurement.scan.points(T_base_laser)
+    points = T_reference @ measurement.scan.points(localizer.T_base_laser)
     near = known.point_map.nearest(points, _COVERED_M)
     is_covered = len(points) > 0 and len(near) > _COVERED_SHARE * len(points)
     return Asked(estimate, T_reference, cpu_s, is_covered)
 
 
 def write_results(result: Relocalized, folder: Path) -> None:
-    """Writes summary.json, and asked.jsonl with a line for each scan. Raises OSError if it cannot."""
+    """Writes summary.json, and asked.jsonl, a line for each scan. Raises OSError if it cannot."""
     folder.mkdir(parents=True, exist_ok=True)
     lines = "".join(json.dumps(one.record()) + "\n" for one in result.asked)
     write_atomically(folder / "asked.jsonl", lines)

@@ -1,4 +1,4 @@
-"""How soon, and how honestly, robots that were carried away find themselves: figures of `summary.json`."""
+"""How soon and how honestly robots carried away find themselves: figures of `summary.json`."""
 
 from typing import Any
 

@@ -147,8 +147,8 @@ def _rms(values: np.ndarray) -> float | None:
 
 
 def verdict_counts(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
-    """Of one method over all scans of all drives: how many there were, how often it said that it was
-    lost, of which it never was, and the share of scans at which it was not sure."""
+    """Of one method over all scans of all drives: how many there were, how often it said that it
+    was lost, of which it never was, and the share of scans at which it was not sure."""
     verdicts = [
         verdict
         for record in records

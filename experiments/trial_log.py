@@ -42,7 +42,7 @@ class TrialLog:
         _append_line(self.folder / "trials.jsonl", _line(self.records[index]))
 
     def finish(self, trials: int) -> None:
-        """Brings the lines into the order of the trials; writes `trials.csv` from the first ones."""
+        """Brings the lines into the trials' order; writes `trials.csv` from the first ones."""
         for name, lines in (("trials", self.records), ("timings", self.timings)):
             text = "".join(_line(lines[index]) for index in sorted(lines))
             write_atomically(self.folder / f"{name}.jsonl", text)
@@ -129,7 +129,7 @@ def _line(record: dict[str, Any]) -> str:
 
 
 def _csv_rows(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each method, or one for a trial that raised; of a drive, for each of its samples."""
+    """A row for each method, or one for a trial that raised; of a drive, for each sample."""
     trial = {"index": record["index"], "status": record["status"]}
     if record["status"] != "ok":
         return [trial | {"error": record["error"]}]

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -24,13 +23,13 @@ from slam.localization import Estimate
 from slam.lost import Status, Verdict
 from slam.measurements import LaserScan
 from slam.open3d_backend import load_open3d
-from slam.scan_match import ScanMatch
+from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2, wrap_angle
 
 Poses = Literal["paper", "random", "anywhere"]
 MAX_TURN_RATE_RADPS = 1.5
 """Chosen: faster, the tires slip."""
-_DISOWNED = ("LOST", "NOT_CONVERGED", "DEGENERATE")
+_DISOWNED = (MatchStatus.LOST, MatchStatus.NOT_CONVERGED, MatchStatus.DEGENERATE)
 """What a method says of a pose that it does not stand for."""
 _EXPERIMENT_KEYS = {"localization": 1, "kidnap": 2, "mapping": 3, "tracking": 4}
 """Part of each trial's seed, so that no two experiments share random numbers."""
@@ -41,10 +40,11 @@ class TrialConfig:
     """All that the outcome of a trial depends on, but its random numbers.
 
     poses: `paper` repeats one pair of poses with fresh noise; `random` draws them anywhere in the
-    free space; `anywhere`, of a kidnap, sets the robot down anywhere too. start_error_m, start_error_rad: how wrong the robot's belief is at a random start,
-    uniform to either side on each axis. people: walk about meanwhile. mismatch: in what the
-    simulated robot and world differ from what is assumed, see `experiments.worlds`. turn_rate_radps,
-    duration_s: of tracking. A trial succeeds within success_m and success_rad.
+    free space; `anywhere`, of a kidnap, sets the robot down anywhere too. start_error_m,
+    start_error_rad: how wrong the robot's belief is at a random start, uniform to either side on
+    each axis. people: walk about meanwhile. mismatch: in what the simulated robot and world differ
+    from what is assumed, see `experiments.worlds`. turn_rate_radps, duration_s: of tracking. A
+    trial succeeds within success_m and success_rad.
     """
 
     poses: Poses = "paper"
@@ -52,7 +52,8 @@ class TrialConfig:
     laser: str = "urg_04lx"
     odometry: str = "as_built"
     methods: tuple[str, ...] = DEFAULT_METHODS
-    # finer than 1 cm: along a round wall, pairs with points 1 cm apart held 3 scans in 100 up to 3 cm off
+    # finer than 1 cm: along a round wall, pairs with points 1 cm apart held 3 scans in 100 up to
+    # 3 cm off
     map_spacing_m: float = 0.0025
     start_error_m: float = 0.10
     start_error_rad: float = math.radians(5)
@@ -130,8 +131,14 @@ class Outcome:
     verdict: Verdict = field(default_factory=lambda: Verdict(Status.TRACKING))
 
     @classmethod
-    def of(cls, estimate: Estimate, true: np.ndarray, config: TrialConfig) -> "Outcome":
-        """The outcome at a true pose (3,); a match that is not believed is no success."""
+    def of(
+        cls, estimate: Estimate, true: np.ndarray, config: TrialConfig, *, is_guarded: bool
+    ) -> "Outcome":
+        """The outcome at a true pose (3,); a pose that is not believed is no success.
+
+        is_guarded: the localizer has a guard, whose verdict it is; else only its match says
+        whether the pose is believed, and odometry, which has none, is judged by where it is.
+        """
         T_map_base = estimate.T_map_base
         error = T_map_base.as_array() - true
         error[2] = wrap_angle(error[2])
@@ -140,13 +147,13 @@ class Outcome:
         if estimate.covariance is not None and estimate.covariance.any():
             tangent = (T_map_base.inverse() @ SE2.from_array(true)).log()
             claimed = nees(tangent, estimate.covariance)
-        is_disowned = estimate.match.status.name in _DISOWNED
-        # odometry says of no pose that it is sure, and is judged by where it is all the same
-        is_unsure = estimate.verdict.status is not Status.TRACKING and estimate.match.is_matched
-        is_success = bool(is_near and not is_disowned and not is_unsure)
+        if is_guarded:
+            is_believed = estimate.verdict.status is Status.TRACKING
+        else:
+            is_believed = estimate.match.status not in _DISOWNED
         return cls(
-            T_map_base, error, estimate.match, is_success, bool(is_near), claimed, estimate.warnings,
-            estimate.verdict,
+            T_map_base, error, estimate.match, bool(is_near and is_believed), bool(is_near),
+            claimed, estimate.warnings, estimate.verdict,
         )  # fmt: skip
 
     def record(self) -> dict[str, Any]:
@@ -208,9 +215,6 @@ def bound_record(bound: np.ndarray) -> dict[str, float | None]:
         "position_m": math.sqrt(bound[0, 0] + bound[1, 1]),
         "heading_rad": math.sqrt(bound[2, 2]),
     }
-
-
-RunTrial = Callable[[TrialConfig, np.random.Generator], TrialResult]
 
 
 def generator(experiment: str, seed: int, index: int) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""`kitasap bench registration`: processor time and error of one scan registered on a map, by method.
+"""`kitasap bench registration`: processor time and error of one scan on a map, by method.
 
 Processor time is the process's own clock, all threads added up, so that helpers do not hide; and
 the methods take turns scan by scan, so that what else runs on the machine slows all alike.

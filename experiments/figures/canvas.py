@@ -65,7 +65,7 @@ def legend_below(figure: Any, axis: Axes, ncols: int) -> None:
 
 
 def saved(figure: Any, stem: Path) -> Path:
-    """Writes a figure as PNG and SVG. No dates or random names within: equal figures, equal files."""
+    """Writes a figure as PNG and SVG. No dates or random names: equal figures, equal files."""
     path = stem.with_name(stem.name + ".png")
     figure.savefig(path, dpi=130, metadata={"Software": None})
     with plt.rc_context({"svg.hashsalt": stem.name}):

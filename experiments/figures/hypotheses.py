@@ -19,7 +19,7 @@ from slam.se2 import wrap_angle
 _RIGHT, _RIVAL, _WRONG, _BAND = "#1f77b4", "#8c8c8c", "#d62728", "#fff0cc"
 _MOST_PANELS = 6
 _SAME_SPOT_M = 0.2
-"""Chosen: what turning on the spot moves the robot is far less, what tells rivals apart far more."""
+"""Chosen: turning on the spot moves the robot far less, what tells rivals apart is far more."""
 _SAME_HEADING_RAD = math.radians(15.0)
 
 

@@ -1,4 +1,4 @@
-"""The picture of a recorded log localised on a known map: where it was sure, and where it was not."""
+"""The picture of a recorded log localised on a known map: where it was sure, where it was not."""
 
 import math
 from pathlib import Path
@@ -30,7 +30,7 @@ _REASON_LETTERS = 105
 
 
 def localized_log_picture(folder: Path, result: LocalizedLog) -> Path:
-    """The map with the robot's way on it, coloured by its verdicts; these over time; why it got lost.
+    """The map with the robot's way, coloured by its verdicts; these over time; why it got lost.
 
     A pose is an arrow along the heading. Where the robot was not tracking it is a best guess: open,
     and not joined to the others. Writes `localized.png` and `.svg` into the folder.

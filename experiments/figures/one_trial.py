@@ -166,7 +166,7 @@ def _draw_scan(
 
 
 def _draw_moving_scan(axis: Axes, scan: LaserScan, T_map_laser: SE2) -> None:
-    """The scan as it came, seen from the pose found; earlier beams lighter, since they lie farther off.
+    """The scan as it came, seen from the pose found; earlier beams, farther off, are lighter.
 
     The result does not tell the motion by which a method straightened it.
     """

@@ -1,4 +1,4 @@
-"""`kitasap bench registration`: the same scans and map for all rows, and every row finds the robot."""
+"""`kitasap bench registration`: the same scans and map for all rows; every row finds the robot."""
 
 import json
 import os

@@ -7,6 +7,7 @@ import pytest
 
 from experiments.calibration import CalibrationConfig, run_calibration
 from experiments.cli import main
+from tests.experiments.refusals import refusal
 
 
 def test_half_a_minute_in_the_paper_s_room_finds_mounting_and_wheels():
@@ -57,5 +58,4 @@ def test_drive_too_short_to_tell_says_so(box_room, capsys):
     ],
 )
 def test_wrong_option_is_refused_in_one_line(capsys, option, value, said):
-    assert main(["calibrate", option, value]) == 2
-    assert said in capsys.readouterr().err
+    assert said in refusal(capsys, "calibrate", option, value)

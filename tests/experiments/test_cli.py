@@ -2,7 +2,7 @@
 
 import pytest
 
-from experiments.cli import main
+from tests.experiments.refusals import refusal
 
 WALL_BELOW_THE_START = """
 <mujoco>
@@ -13,16 +13,6 @@ WALL_BELOW_THE_START = """
   </worldbody>
 </mujoco>
 """
-
-
-def refusal(capsys, *arguments: str) -> str:
-    """What the command says when it refuses, without its name in front."""
-    assert main(list(arguments)) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    (line,) = printed.err.splitlines()
-    assert line.startswith("kitasap: ")
-    return line.removeprefix("kitasap: ")
 
 
 @pytest.mark.parametrize(
@@ -57,13 +47,13 @@ def refusal(capsys, *arguments: str) -> str:
     ],
 )
 def test_unknown_name_or_number_is_refused_with_what_exists(options, said, capsys, tmp_path):
-    line = refusal(capsys, "run", *options.split(), "--out", str(tmp_path / "out"))
+    line = refusal(capsys, "run", *options.split(), "--out", tmp_path / "out")
     assert line.startswith(said)
     assert not (tmp_path / "out").exists()
 
 
 def test_every_experiment_is_checked_before_the_first_one_runs(capsys, tmp_path):
-    line = refusal(capsys, "run", "localization", "mapping", "--out", str(tmp_path / "out"))
+    line = refusal(capsys, "run", "localization", "mapping", "--out", tmp_path / "out")
     assert line.startswith("no experiment called 'mapping'")
     assert not (tmp_path / "out").exists()
 
@@ -85,19 +75,19 @@ def test_unknown_command_is_refused(capsys):
 def test_broken_place_file_is_named(text, said, tmp_path, capsys):
     path = tmp_path / "zimmer ü.xml"
     path.write_bytes(text)
-    line = refusal(capsys, "run", "localization", "--place", str(path), "--out", str(tmp_path))
+    line = refusal(capsys, "run", "localization", "--place", path, "--out", tmp_path)
     assert line.startswith(f"place {path} {said}")
 
 
 def test_folder_is_no_place(tmp_path, capsys):
-    line = refusal(capsys, "run", "kidnap", "--place", str(tmp_path))
+    line = refusal(capsys, "run", "kidnap", "--place", tmp_path)
     assert line.startswith(f"no place called '{tmp_path}', nor a file; there are: ")
 
 
 def test_kidnap_needs_a_free_place_to_set_down(tmp_path, capsys):
     path = tmp_path / "wall.xml"
     path.write_text(WALL_BELOW_THE_START)
-    line = refusal(capsys, "run", "kidnap", "--place", str(path), "--out", str(tmp_path / "out"))
+    line = refusal(capsys, "run", "kidnap", "--place", path, "--out", tmp_path / "out")
     assert line == (
         f"place {path}: nothing is free 1 m lower in y than its start; "
         "the robot cannot be kidnapped as in the paper there, but --poses anywhere works"
@@ -109,7 +99,7 @@ def test_folder_that_cannot_be_written_is_named(tmp_path, box_room, capsys):
     # below a file: not even root can make that folder
     (tmp_path / "file").touch()
     out = tmp_path / "file/out"
-    line = refusal(capsys, "run", "localization", "--place", box_room, "--out", str(out))
+    line = refusal(capsys, "run", "localization", "--place", box_room, "--out", out)
     assert line == f"{out}/localization: Not a directory"
 
 
@@ -145,7 +135,6 @@ def test_missing_system_library_is_said_before_the_first_trial(monkeypatch, caps
         raise ImportError("Open3D needs the system library libGL.so: apt-get install libgl1")
 
     monkeypatch.setattr(trials, "load_open3d", missing)
-    assert main(["run", "localization", "--out", str(tmp_path / "out")]) == 2
-    printed = capsys.readouterr().err.strip().splitlines()
-    assert printed == ["kitasap: Open3D needs the system library libGL.so: apt-get install libgl1"]
+    line = refusal(capsys, "run", "localization", "--out", tmp_path / "out")
+    assert line == "Open3D needs the system library libGL.so: apt-get install libgl1"
     assert not (tmp_path / "out").exists()

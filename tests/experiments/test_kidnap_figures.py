@@ -1,4 +1,4 @@
-"""The figures of a kidnap's trials say what the records say, and older records do not trouble them."""
+"""The figures of a kidnap's trials say what the records say; older records do not trouble them."""
 
 import json
 import math

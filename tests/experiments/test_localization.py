@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from experiments.localization import run_trial, start_poses
+from experiments.localization import make_localizers, run_trial, start_poses, update_all
 from experiments.methods import KnownPlace
 from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, generator
 from kitasap_sim import Simulation
 from slam import SE2, Beams, CoarseToFineConfig, Estimate, MatchStatus, Open3dMatcher, ScanMatch
+from slam.lost import Status
 
 PLAIN = CoarseToFineConfig(coarse_spacing_m=1e-6, start_headings_rad=(0.0,))
 """All beams alike, one start: what the three starts below were found with."""
@@ -127,8 +128,26 @@ def test_paper_poses_repeat_the_start_within_the_operators_inaccuracy():
 def test_pose_that_the_method_disowns_is_no_success(status, offset_m, is_success):
     pose = SE2(1.0 + offset_m, 2.0, 3.0)
     estimate = Estimate(0.0, pose, pose, ScanMatch(pose, status))
-    outcome = Outcome.of(estimate, np.array([1.0, 2.0, 3.0]), TrialConfig())
+    outcome = Outcome.of(estimate, np.array([1.0, 2.0, 3.0]), TrialConfig(), is_guarded=False)
     assert outcome.is_success is is_success
+
+
+@pytest.mark.parametrize("method", ["open3d", "fast", "limit"])
+def test_frozen_laser_is_no_success_of_a_guarded_method_however_near_it_stands(method, box_room):
+    config = TrialConfig(place=box_room, methods=(method,))
+    simulation = config.simulation(np.random.default_rng(0))
+    source = MeasurementSource(config.known_place.laser, simulation.wheel_ticks())
+    measurement, true = source.measurement(simulation.next_frame()), simulation.truth().pose
+    localizers = make_localizers(config, true, may_be_lost=True)
+    at_first, frozen = (
+        update_all(config, localizers, measurement, true)[0][method] for _ in range(2)
+    )
+    assert at_first.is_success
+    # near, since the robot does not move; but it says that it does not know
+    assert frozen.is_near
+    assert frozen.match.status is MatchStatus.NOT_ATTEMPTED
+    assert frozen.verdict.status is Status.UNSURE
+    assert not frozen.is_success
 
 
 def test_methods_do_not_change_the_measurements_of_each_other(quick_config):

@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,19 +10,20 @@ import pytest
 
 from experiments.cli import main
 from experiments.figures import localized_log_picture
-from experiments.localize import VERDICT_COLUMNS, LocalizeConfig, run, write_results
+from experiments.known_maps import LogConfig
+from experiments.localize import VERDICT_COLUMNS, run, write_results
 from experiments.real_logs import referenced
-from experiments.sources import MeasurementSource
-from kitasap_sim.drive import Pilot
 from kitasap_sim.hand import kidnap
 from kitasap_sim.laser import laser
-from kitasap_sim.simulation import SensorFrame, Simulation
+from kitasap_sim.simulation import Simulation
 from slam.beams import Beams
 from slam.map_files import read_map, write_map
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.readers.carmen import read_carmen
 from slam.se2 import SE2, wrap_angle
 from slam.trajectory import read_tum
+from tests.experiments.recorder import Recorder, rasterised
+from tests.experiments.refusals import refusal
 
 DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "fr101-excerpt.clf.gz"
@@ -164,57 +164,6 @@ def test_same_log_gives_the_same_bytes(office, known_start, tmp_path):
 # --- a simulated drive, whose truth is known
 
 
-@dataclass
-class Recorder:
-    """Writes what the robot's sensors say as a CARMEN log; truth: pose at each scan."""
-
-    simulation: Simulation
-    interval_s: float = 1.0
-
-    def __post_init__(self) -> None:
-        assert self.simulation.laser is not None
-        self._spec = self.simulation.laser
-        self._source = MeasurementSource(self._spec, self.simulation.wheel_ticks())
-        self._T_odom_base = SE2.identity()
-        self.lines: list[str] = []
-        self.truth: list[np.ndarray] = []
-        self._last_s = -math.inf
-
-    def take(self, frame: SensorFrame) -> None:
-        """The wheels of every frame; a scan now and then."""
-        self._T_odom_base = self._T_odom_base @ self._source.measurement(frame).motion
-        if frame.time_s - self._last_s < self.interval_s:
-            return
-        self._last_s = frame.time_s
-        T_odom_laser = self._T_odom_base @ SE2(*self._spec.mount_m[:2], 0.0)
-        ranges_m = np.where(np.isfinite(frame.ranges_m), frame.ranges_m, 81.91)
-        ranges = " ".join(f"{range_m:.3f}" for range_m in ranges_m)
-        numbers = [*T_odom_laser.as_array(), *self._T_odom_base.as_array()]
-        poses = " ".join(f"{number:.6f}" for number in numbers)
-        stamp = f"{frame.time_s:.6f}"
-        self.lines.append(f"FLASER {len(ranges_m)} {ranges} {poses} {stamp} sim {stamp}")
-        self.truth.append(self.simulation.truth().pose)
-
-    def drive(self, to_m: tuple[float, float]) -> None:
-        """Looks around, drives to a point."""
-        pilot = Pilot(self.simulation)
-        for frame in pilot.turn(2.5):
-            self.take(frame)
-        for frame in pilot.follow(np.array([to_m])):
-            self.take(frame)
-
-
-def rasterised(simulation: Simulation, resolution_m: float = 0.05) -> OccupancyGrid:
-    """The true surfaces at the laser's height as a grid of cells."""
-    assert simulation.laser is not None
-    points = simulation.place.map_at(simulation.laser.mount_m[2]).points_m(resolution_m / 5)
-    lower = points.min(axis=0) - resolution_m
-    columns, rows = np.floor((points - lower) / resolution_m).astype(int).T
-    cells = np.full((rows.max() + 2, columns.max() + 2), FREE)
-    cells[rows, columns] = OCCUPIED
-    return OccupancyGrid(cells, resolution_m, SE2(lower[0], lower[1], 0.0))
-
-
 def test_teleported_robot_notices_and_finds_itself(tmp_path):
     simulation = Simulation("room_fig4", laser("lms200"), rng=np.random.default_rng(0))
     write_map(tmp_path / "room.yaml", rasterised(simulation))
@@ -239,16 +188,6 @@ def test_teleported_robot_notices_and_finds_itself(tmp_path):
 # --- what cannot be localised
 
 
-def refusal(capsys, *arguments: object) -> str:
-    """What the command says when it refuses, without its name in front."""
-    assert main(["localize", *map(str, arguments)]) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    (line,) = printed.err.splitlines()
-    assert line.startswith("kitasap: ")
-    return line.removeprefix("kitasap: ")
-
-
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -263,7 +202,7 @@ def test_map_that_is_none_is_refused(text, said, tmp_path, capsys):
     path = tmp_path / "map.yaml"
     if text is not None:
         path.write_bytes(text)
-    line = refusal(capsys, path, LOG, "--out", tmp_path / "out")
+    line = refusal(capsys, "localize", path, LOG, "--out", tmp_path / "out")
     assert "map.yaml" in line
     assert said in line
     assert not (tmp_path / "out").exists()
@@ -271,10 +210,10 @@ def test_map_that_is_none_is_refused(text, said, tmp_path, capsys):
 
 def test_map_whose_image_is_cut_or_gone_is_refused(office, tmp_path, capsys):
     (tmp_path / "office.yaml").write_bytes(office.read_bytes())
-    assert "office.pgm" in refusal(capsys, tmp_path / "office.yaml", LOG)
+    assert "office.pgm" in refusal(capsys, "localize", tmp_path / "office.yaml", LOG)
     content = office.with_suffix(".pgm").read_bytes()
     (tmp_path / "office.pgm").write_bytes(content[: len(content) // 2])
-    assert "office.pgm" in refusal(capsys, tmp_path / "office.yaml", LOG)
+    assert "office.pgm" in refusal(capsys, "localize", tmp_path / "office.yaml", LOG)
 
 
 @pytest.mark.parametrize(
@@ -290,7 +229,7 @@ def test_map_without_a_wall_to_see_is_refused(around, wall, said, tmp_path, caps
     cells[10, 5:20] = wall
     cells[30:, 30:] = FREE
     write_map(tmp_path / "map.yaml", OccupancyGrid(cells, 0.05, SE2.identity()))
-    line = refusal(capsys, tmp_path / "map.yaml", LOG)
+    line = refusal(capsys, "localize", tmp_path / "map.yaml", LOG)
     assert line.startswith(f"{tmp_path}/map.yaml: {said}")
 
 
@@ -307,7 +246,7 @@ def test_log_without_scans_is_refused(text, said, office, tmp_path, capsys):
     path = tmp_path / "log.clf"
     if text is not None:
         path.write_text(text)
-    line = refusal(capsys, office, path, "--out", tmp_path / "out")
+    line = refusal(capsys, "localize", office, path, "--out", tmp_path / "out")
     assert "log.clf" in line
     assert said in line
     assert not (tmp_path / "out").exists()
@@ -324,11 +263,11 @@ def test_log_without_scans_is_refused(text, said, office, tmp_path, capsys):
     ],
 )
 def test_start_that_is_no_pose_is_refused(start, said, office, capsys):
-    assert said in refusal(capsys, office, LOG, "--start", *start)
+    assert said in refusal(capsys, "localize", office, LOG, "--start", *start)
 
 
 def test_unknown_method_is_refused_with_those_there_are(office, capsys):
-    assert refusal(capsys, office, LOG, "--method", "paper") == (
+    assert refusal(capsys, "localize", office, LOG, "--method", "paper") == (
         "no method called 'paper' here; there are: open3d, fast, limit"
     )
 
@@ -360,7 +299,7 @@ def test_robot_that_sees_nothing_claims_nothing(office, blind_log, tmp_path):
 
 def test_folder_that_is_a_file_is_named(office, blind_log, tmp_path, capsys):
     (tmp_path / "out").touch()
-    line = refusal(capsys, office, blind_log, "--out", tmp_path / "out")
+    line = refusal(capsys, "localize", office, blind_log, "--out", tmp_path / "out")
     assert line == f"--out takes a folder, and {tmp_path}/out is a file"
 
 
@@ -379,7 +318,7 @@ def test_picture_of_a_map_that_lies_askew_is_drawn(office, blind_log, tmp_path):
     grid = read_map(office)
     turned = OccupancyGrid(grid.cells, grid.resolution_m, SE2(3.0, -2.0, 0.7))
     write_map(tmp_path / "turned.yaml", turned)
-    result = run(tmp_path / "turned.yaml", blind_log, SE2(3.0, 0.0, 0.0), LocalizeConfig("fast"))
+    result = run(tmp_path / "turned.yaml", blind_log, SE2(3.0, 0.0, 0.0), LogConfig("fast"))
     assert result.known.grid is not None
     assert result.known.grid.T_map_grid.theta == pytest.approx(0.7)
     assert localized_log_picture(tmp_path, result).stat().st_size > 10_000

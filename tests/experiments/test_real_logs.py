@@ -9,6 +9,7 @@ import pytest
 from experiments.real_logs import main, run, table
 from slam.readers.carmen import read_carmen
 from slam.trajectory import read_tum
+from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
 DATA = Path(__file__).parents[1] / "data"
@@ -56,10 +57,7 @@ def test_unreadable_input_is_one_line_and_status_2(tmp_path, capsys):
         [str(tmp_path / "none.clf"), "--reference", REFERENCE],
         [*EXCERPT, str(tmp_path / "other.tum")],
     ):
-        assert main(arguments) == 2
-        printed = capsys.readouterr()
-        assert printed.out == ""
-        assert len(printed.err.splitlines()) == 1
+        assert refusal(capsys, "real-log", *arguments)
 
 
 def check_whole_log(name: str, scans: int) -> None:

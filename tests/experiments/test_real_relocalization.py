@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.cli import main
-from experiments.known_maps import KnownMap, assumed_laser
+from experiments.known_maps import KnownMap
 from experiments.real_logs import RealLogConfig
 from experiments.real_relocalization import Asked, Relocalized, table, teleported
 from slam.localization import Estimate
@@ -17,6 +17,7 @@ from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from tests.experiments.refusals import line_of_refusal, refusal
 
 DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "fr101-excerpt.clf.gz"
@@ -33,7 +34,7 @@ def real_log(*options) -> int:
     return main(["real-log", str(LOG), "--reference", str(REFERENCE), *map(str, options)])
 
 
-# ten jumps are what is asked for where nothing is said; `each` makes none, and needs no scans for them
+# ten jumps are what is asked for where nothing is said; `each` makes none, and needs no scans
 @pytest.mark.parametrize(
     ("protocol", "jumps", "keys"), [("each", 10, set()), ("jumps", 2, JUMP_KEYS)]
 )
@@ -54,11 +55,10 @@ def test_summary_has_its_keys_and_a_line_for_each_scan(protocol, jumps, keys, tm
 
 
 def test_too_many_jumps_are_refused_in_one_line(tmp_path, capsys):
-    assert real_log("--protocol", "jumps", "--jumps", 1000, "--out", tmp_path / "out") == 2
-    printed = capsys.readouterr()
-    assert printed.err == (
-        "kitasap: fr101-excerpt.clf.gz: 20 scans have a reference pose in"
-        " fr101-excerpt.reference.tum, this needs 4004\n"
+    options = ("--protocol", "jumps", "--jumps", 1000, "--out", tmp_path / "out")
+    assert line_of_refusal(capsys, real_log(*options)) == (
+        "fr101-excerpt.clf.gz: 20 scans have a reference pose in"
+        " fr101-excerpt.reference.tum, this needs 4004"
     )
     assert not (tmp_path / "out").exists()
 
@@ -67,8 +67,7 @@ def test_too_many_jumps_are_refused_in_one_line(tmp_path, capsys):
 def test_unknown_protocol_or_method_is_refused(method, tmp_path, capsys):
     protocol = "fly" if method == "limit" else "each"
     options = ("--protocol", protocol, "--method", method, "--out", tmp_path / "out")
-    assert real_log(*options) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    line = line_of_refusal(capsys, real_log(*options))
     assert "called 'fly'" in line
     assert "there are: " in line
     assert not (tmp_path / "out").exists()
@@ -83,9 +82,8 @@ def test_files_that_are_not_there_or_do_not_belong_together_are_refused(tmp_path
         (LOG, other),
     ):
         for protocol in ("each", "jumps"):
-            arguments = ["real-log", log, "--reference", reference, "--protocol", protocol]
-            assert main([str(one) for one in arguments]) == 2
-            assert len(capsys.readouterr().err.splitlines()) == 1
+            arguments = ("real-log", log, "--reference", reference, "--protocol", protocol)
+            assert refusal(capsys, *arguments)
 
 
 # --- the order of the pieces
@@ -186,8 +184,9 @@ def asked(status: Status, off: tuple[float, float] = RIGHT, *, is_covered: bool 
 
 def summary_of(rows_asked: list[Asked], jumps: tuple[int, ...]) -> dict:
     walls = SegmentMap(np.array([[[0.0, 0.0], [1.0, 0.0]]]))
-    known = KnownMap(np.zeros((1, 2)), walls, assumed_laser(12.0, 0.02))
-    return Relocalized("log", "jumps", RealLogConfig(), known, tuple(rows_asked), jumps).summary()
+    config = RealLogConfig()
+    known = KnownMap(np.zeros((1, 2)), config.laser, walls)
+    return Relocalized("log", "jumps", config, known, tuple(rows_asked), jumps).summary()
 
 
 SURE, UNSURE, LOST = Status.TRACKING, Status.UNSURE, Status.LOST

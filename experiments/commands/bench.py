@@ -1,0 +1,64 @@
+"""`kitasap bench`: the testbed itself, measured."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.commands.options import RESULTS, Laser, People, PlaceName, Seed, Trials
+
+app = typer.Typer()
+
+
+@app.callback(invoke_without_command=True)
+def bench(context: typer.Context) -> None:
+    """Measures the testbed itself."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+@app.command("sim")
+def simulation(place: PlaceName = "room_fig4", laser: Laser = "urg_04lx") -> None:
+    """The simulation's speed as a ratio to bare MuJoCo, and how true its robot drives."""
+    from experiments.bench.simulation import print_benchmark
+
+    print_benchmark(place, laser)
+
+
+@app.command()
+def registration(
+    trials: Trials = 100,
+    seed: Seed = 0,
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    out: Annotated[Path | None, typer.Option(help="Write the table as JSON to this file.")] = None,
+) -> None:
+    """Processor time and error of one scan registered on a known map, beside other libraries."""
+    from experiments.bench.registration_run import print_benchmark
+
+    print_benchmark(place, laser, trials, seed, out)
+
+
+@app.command()
+def mismatch(
+    trials: Annotated[int, typer.Option(min=1, help="At rest, for each mismatch.")] = 100,
+    drives: Annotated[int, typer.Option(min=1, help="Moving, for each mismatch.")] = 6,
+    seed: Seed = 0,
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    out: Annotated[Path, typer.Option(help="Folder of the results.")] = RESULTS / "mismatch",
+) -> None:
+    """What is left of accuracy and honesty where sensor or map are not as assumed."""
+    from experiments.bench.mismatch import print_benchmark
+
+    print_benchmark(place, laser, trials, drives, seed, out)
+
+
+@app.command()
+def relocalization(
+    trials: Trials = 100, seed: Seed = 0, laser: Laser = "urg_04lx", people: People = 3
+) -> None:
+    """Processor time of one query of the whole map, place by place."""
+    from experiments.bench.relocalization import print_benchmark
+
+    print_benchmark(laser, people, trials, seed)

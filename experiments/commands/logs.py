@@ -1,0 +1,98 @@
+"""The commands on recorded logs: `kitasap real-log` and `kitasap localize`."""
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.commands.options import RESULTS, Log, LogMethod, LogOut, Seed
+from experiments.protocols import DEFAULT_METHOD
+
+
+def real_log(
+    log: Log,
+    reference: Annotated[Path, typer.Option(help="Reference poses of its scans, TUM format.")],
+    out: LogOut = RESULTS / "real-log",
+    method: LogMethod = DEFAULT_METHOD["real-log"],
+    protocol: Annotated[
+        str,
+        typer.Option(
+            help="tracked: odd scans followed on the map of the even ones;"
+            " each: asked one by one, no prior;"
+            " jumps: second half, teleported, on the map of the first."
+        ),
+    ] = "tracked",
+    jumps: Annotated[int, typer.Option(min=1, help="How often the robot is teleported.")] = 10,
+    seed: Seed = 0,
+) -> None:
+    """Maps a recorded log from reference poses of some of its scans, localises the others."""
+    if protocol == "tracked":
+        is_done = _tracked(log, reference, out, method)
+    else:
+        is_done = _relocalized(log, reference, out, method, protocol, jumps, seed)
+    raise typer.Exit(0 if is_done else 1)
+
+
+def _tracked(log: Path, reference: Path, out: Path, method: str) -> bool:
+    """`real-log` from a start that is known: whether every scan was tracked."""
+    from experiments import real_logs
+    from experiments.figures import real_log_picture
+
+    result = real_logs.run(log, reference, real_logs.RealLogConfig(method=method))
+    real_logs.write_results(result, out)
+    real_log_picture(out, result)
+    summary = result.summary()
+    print(real_logs.table(summary))
+    print(f"results and figures: {out}")
+    return bool(summary["tracked"] == summary["scans"])
+
+
+def _relocalized(
+    log: Path, reference: Path, out: Path, method: str, protocol: str, jumps: int, seed: int
+) -> bool:
+    """`real-log` where the start is unknown: whether no wrong place was believed."""
+    from experiments import real_relocalization
+    from experiments.progress import ScanProgress
+    from experiments.real_logs import RealLogConfig
+
+    config = RealLogConfig(method=method)
+    with ScanProgress(log.name) as progress:
+        result = real_relocalization.run(
+            log, reference, protocol, config, jumps, seed, progress.update
+        )
+    real_relocalization.write_results(result, out)
+    summary = result.summary()
+    print(real_relocalization.table(summary))
+    print(f"results: {out}")
+    return bool(summary["sure_elsewhere"] == 0)
+
+
+def localize(
+    known_map: Annotated[Path, typer.Argument(metavar="MAP", help="A ROS map, its .yaml file.")],
+    log: Log,
+    start: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(help="Pose at the first scan: x y [m] and heading [rad]; else unknown."),
+    ] = None,
+    out: LogOut = RESULTS / "localize",
+    method: LogMethod = DEFAULT_METHOD["localize"],
+) -> None:
+    """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure."""
+    from experiments import localize as localizing
+    from experiments.figures import localized_log_picture
+    from experiments.known_maps import LogConfig
+    from experiments.progress import ScanProgress
+    from slam.se2 import SE2
+
+    if start is not None and not all(map(math.isfinite, start)):
+        raise ValueError(f"--start takes three finite numbers, not {start}")
+    T_start = None if start is None else SE2(*start)
+    if out.exists() and not out.is_dir():  # refused now rather than after the log
+        raise ValueError(f"--out takes a folder, and {out} is a file")
+    with ScanProgress(log.name) as progress:
+        result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update)
+    localizing.write_results(result, out)
+    localized_log_picture(out, result)
+    print(localizing.table(result.summary()))
+    print(f"results and figures: {out}")

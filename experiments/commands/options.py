@@ -1,0 +1,38 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Poses = Annotated[
+    str,
+    typer.Option(
+        help="paper: one pair of poses; random: drawn in the free space;"
+        " anywhere: kidnapped to anywhere."
+    ),
+]
+PlaceName = Annotated[str, typer.Option(help="A place by name, or the path of an MJCF file.")]
+Laser = Annotated[str, typer.Option(help="The laser range sensor carried.")]
+Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
+Methods = Annotated[
+    str | None, typer.Option("--method", help="Methods, by commas; default: paper,open3d,limit.")
+]
+People = Annotated[int, typer.Option(min=0, help="People who walk about.")]
+Mismatch = Annotated[
+    str, typer.Option(help="What is not as assumed: none, noisy, quiet, offset, mount or chair.")
+]
+TurnRate = Annotated[float, typer.Option(help="Of tracking [rad/s].")]
+Duration = Annotated[float, typer.Option(help="Of each drive of tracking [s].")]
+Seed = Annotated[int, typer.Option(min=0, help="Master seed of all random numbers.")]
+Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder per experiment.")]
+Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]
+Trials = Annotated[int, typer.Option(min=1, help="How many.")]
+
+Log = Annotated[Path, typer.Argument(help="A CARMEN log, gz or plain.")]
+LogOut = Annotated[Path, typer.Option(help="Folder of the results.")]
+LogMethod = Annotated[str, typer.Option(help="open3d, fast or limit.")]
+
+RESULTS = Path("results")
+PAPER_TRIALS = 100
+"""Section 4.1: "We conducted each experiment 100 times"."""
