@@ -22,9 +22,10 @@ class HypothesesConfig:
     are none: the same view twice is no second witness.
     drift_m, drift_rad: by how much the wheels may be wrong between two views.
     min_views: through which a place has to have been the best one. beats: by how many times the
-    margin a place must be better than one believed, beaten_scans: through how many scans in a row. min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
-    share of what the best leaves unexplained. max_unexplained: more than that is sure of nothing. chosen on the Intel, ACES and
-    Freiburg logs.
+    margin a place must be better than one believed, beaten_scans: through how many scans in a row.
+    min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
+    share of what the best leaves unexplained. max_unexplained: more than that is sure of nothing.
+    chosen on the Intel, ACES and Freiburg logs.
     """
 
     max_places: int = 12
@@ -105,10 +106,15 @@ class Hypotheses:
         relocalizer = self._relocalizer
         starts = [relocalizer.refined(beams, place.T_map_base) for place in self.places]
         starts += relocalizer(beams)
-        joined = [self._joined(start) for start in relocalizer.distinct(starts)]
-        self.places = tuple(relocalizer.distinct(joined)[: self.config.max_places])
+        # however bad a place is by this scan alone, the other views may speak for it
+        joined = [self._joined(start) for start in relocalizer.distinct(starts, math.inf)]
+        most = max((one.log_likelihood for one in joined), default=0.0)
+        behind = max(relocalizer.config.max_behind, 2.0 * self._margin_needed(most))
+        self.places = tuple(relocalizer.distinct(joined, behind)[: self.config.max_places])
         drift = self.config.drift_m, self.config.drift_rad
-        if not (before and self.places and self.places[0].is_near(before[0].T_map_base, *drift)):
+        if not (before and self.places) or not self.places[0].T_map_base.is_near(
+            before[0].T_map_base, *drift
+        ):
             self.streak = 1
         elif is_new_view:
             self.streak += 1
@@ -132,17 +138,24 @@ class Hypotheses:
     @property
     def margin_needed(self) -> float:
         """The margin from which on the best place is sure."""
-        unexplained = -self.places[0].log_likelihood if self.places else 0.0
-        return self.config.min_margin + self.config.min_share * unexplained
+        return self._margin_needed(self.places[0].log_likelihood if self.places else 0.0)
+
+    @property
+    def rivals(self) -> tuple[Hypothesis, ...]:
+        """The best place and those that are not yet so much less likely that it is sure."""
+        if not self.places:
+            return ()
+        least = self.places[0].log_likelihood - self.margin_needed
+        return tuple(place for place in self.places if place.log_likelihood >= least)
 
     def beats(self, T_map_base: SE2, beams: Beams) -> bool:
         """Whether the best place is surely more likely than a pose, by this scan alone."""
         best, other = self.places[0], self._relocalizer.refined(beams, T_map_base)
         margin = self._relocalizer.at(beams, best.T_map_base).log_likelihood - other.log_likelihood
-        needed = self.config.min_margin - self.config.min_share * min(
-            best.evidence.log_likelihood, 0.0
-        )
-        return margin > self.config.beats * needed
+        return margin > self.config.beats * self._margin_needed(best.evidence.log_likelihood)
+
+    def _margin_needed(self, log_likelihood: float) -> float:
+        return self.config.min_margin + self.config.min_share * max(-log_likelihood, 0.0)
 
     def _see(self, beams: Beams) -> bool:
         """Takes up a scan; whether from where none was taken before."""
@@ -157,9 +170,7 @@ class Hypotheses:
         return is_new
 
     def _is_same(self, view: _View) -> bool:
-        then = view.T_now_then
-        is_beside = math.hypot(then.x, then.y) < self.config.view_m
-        return is_beside and abs(then.theta) < self.config.view_rad
+        return view.T_now_then.is_near(SE2.identity(), self.config.view_m, self.config.view_rad)
 
     def _joined(self, place: Hypothesis) -> Hypothesis:
         """With what the other views say for the place."""
@@ -169,7 +180,7 @@ class Hypotheses:
             T_then = T_then @ (T_now_then.inverse() @ view.T_now_then)
             T_now_then = view.T_now_then
             refined = self._relocalizer.refined(view.beams, T_then)
-            if refined.is_near(T_then, self.config.drift_m, self.config.drift_rad):
+            if refined.T_map_base.is_near(T_then, self.config.drift_m, self.config.drift_rad):
                 T_then = refined.T_map_base
             else:
                 refined = self._relocalizer.at(view.beams, T_then)
@@ -178,14 +189,14 @@ class Hypotheses:
 
 
 def most_telling_turn(
-    relocalizer: Relocalizer, places: tuple[Hypothesis, ...], beams: Beams, step_rad: float
+    relocalizer: Relocalizer, rivals: tuple[Hypothesis, ...], beams: Beams, step_rad: float
 ) -> float:
-    """The turn on the spot [rad] after which a scan would tell the best places apart most.
+    """The turn on the spot [rad] after which a scan would tell the best of rivals from the others.
 
-    By the beams whose walls would be at other ranges; of equals the smaller turn, and step_rad
-    where nothing tells. Only places that may still be right count.
+    By the beams whose walls would be at other ranges, of the rival that it tells least of; of equals
+    the smaller turn, and step_rad where nothing tells. No more than three others are looked at.
     """
-    rivals = [p.T_map_base for p in places[:4]]
+    poses = [rival.T_map_base for rival in rivals[:4]]
     best, most = step_rad, -1.0
     for count in range(1, int(math.pi / step_rad) + 1):
         for turn in (count * step_rad, -count * step_rad):
@@ -193,7 +204,7 @@ def most_telling_turn(
                 relocalizer.segment_map.ranges(
                     beams, pose @ SE2(0.0, 0.0, turn), relocalizer.laser.range_max_m
                 )[0]
-                for pose in rivals
+                for pose in poses
             ]
             told = [_apart(seen[0], other, relocalizer.laser.range_max_m) for other in seen[1:]]
             least = min(told, default=0.0)

@@ -140,7 +140,7 @@ class Guard:
         search = self._search
         if not self.is_lost or (search.places and search.margin >= search.margin_needed):
             return 0.0
-        return most_telling_turn(self.relocalizer, search.places, beams, self.config.turn_rad)
+        return most_telling_turn(self.relocalizer, search.rivals, beams, self.config.turn_rad)
 
     def limits(self, beams: Beams) -> VerdictLimits:
         """What is usual on this map; found at the first scan."""
@@ -277,7 +277,7 @@ class Guard:
         best = places[0]
         match = matcher(beams, best.T_map_base)
         config = search.config
-        if not best.is_near(match.T_map_base, config.drift_m, config.drift_rad):
+        if not best.T_map_base.is_near(match.T_map_base, config.drift_m, config.drift_rad):
             match = ScanMatch(best.T_map_base, MatchStatus.NOT_CONVERGED)
         elif not self.relocalizer.segment_map.is_exact:
             # along corridors fitted walls bend a beam match by decimetres, points on surfaces less:

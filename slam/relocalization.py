@@ -15,7 +15,7 @@ from slam.evidence import Evidence, EvidenceConfig, evidence_of
 from slam.laser_model import LaserModel
 from slam.likelihood_grid import LikelihoodGrid, SearchConfig, layout, spread
 from slam.scan_matching import SurfelMatchConfig, match_surfels
-from slam.se2 import SE2, wrap_angle
+from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
 
@@ -27,11 +27,11 @@ FreeSpace = Callable[[FloatArray], BoolArray]
 class RelocalizerConfig:
     """How a `Relocalizer` works.
 
-    search: over the whole map. evidence: None: what suits the map. first, last: how a candidate is refined, on few points and on all;
-    carried: one that wheels brought here.
-    apart_m, apart_rad: poses closer than both are one hypothesis. max_refined: the best candidates
-    that are refined on all points. max_behind: of log-likelihood, behind the best, at which a
-    hypothesis is not worth returning.
+    search: over the whole map. evidence: None: what suits the map. first, last: how a candidate is
+    refined, on few points and on all; carried: one that wheels brought here. apart_m, apart_rad:
+    poses closer than both are one hypothesis. max_refined: the best candidates that are refined on
+    all points. max_behind: of log-likelihood, behind the best, at which a hypothesis is not worth
+    returning.
     """
 
     search: SearchConfig = field(default_factory=SearchConfig)
@@ -48,7 +48,6 @@ class RelocalizerConfig:
     apart_m: float = 0.3
     apart_rad: float = math.radians(8.0)
     max_refined: int = 8
-    max_points: int = 80
     max_behind: float = 100.0
 
 
@@ -62,12 +61,6 @@ class Hypothesis:
     T_map_base: SE2
     evidence: Evidence
     log_likelihood: float
-
-    def is_near(self, T_other: SE2, apart_m: float, apart_rad: float) -> bool:
-        """Whether a pose is the same place."""
-        here = self.T_map_base
-        is_beside = math.hypot(here.x - T_other.x, here.y - T_other.y) < apart_m
-        return is_beside and abs(wrap_angle(here.theta - T_other.theta)) < apart_rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +97,8 @@ class Relocalizer:
     def __call__(self, beams: Beams) -> list[Hypothesis]:
         """The places where the scan may have been taken, the most likely first; none for no hits."""
         points = beams.points
-        few = spread(points, self.config.search.cell_m, self.config.max_points, np.inf)
+        search = self.config.search
+        few = spread(points, search.cell_m, search.max_points, np.inf)
         found = []
         for candidate in self.grid.search(points):
             start = candidate.T_map_base
@@ -137,14 +131,21 @@ class Relocalizer:
         )
         return Hypothesis(T_map_base, evidence, evidence.log_likelihood)
 
-    def distinct(self, hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
-        """The best of each place, best first."""
+    def distinct(
+        self, hypotheses: Iterable[Hypothesis], max_behind: float | None = None
+    ) -> list[Hypothesis]:
+        """The best of each place, best first; none so much less likely than the best of all.
+
+        max_behind: None: as configured.
+        """
+        if max_behind is None:
+            max_behind = self.config.max_behind
+        apart = self.config.apart_m, self.config.apart_rad
         kept: list[Hypothesis] = []
         for one in sorted(hypotheses, key=lambda one: -one.log_likelihood):
-            if kept and one.log_likelihood < kept[0].log_likelihood - self.config.max_behind:
+            if kept and one.log_likelihood < kept[0].log_likelihood - max_behind:
                 break
-            apart = self.config.apart_m, self.config.apart_rad
-            if not any(one.is_near(other.T_map_base, *apart) for other in kept):
+            if not any(one.T_map_base.is_near(other.T_map_base, *apart) for other in kept):
                 kept.append(one)
         return kept
 

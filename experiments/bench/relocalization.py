@@ -50,5 +50,7 @@ def measured(config: TrialConfig, trials: int, seed: int) -> tuple[np.ndarray, n
         search_ms[trial] = 1000.0 * (searched_s - started_s)
         query_ms[trial] = 1000.0 * (ended_s - searched_s)
         true = SE2.from_array(simulation.truth().pose)
-        right += bool(found) and found[0].is_near(true, config.success_m, config.success_rad)
+        right += bool(found) and found[0].T_map_base.is_near(
+            true, config.success_m, config.success_rad
+        )
     return search_ms, query_ms, right

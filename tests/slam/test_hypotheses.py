@@ -1,6 +1,7 @@
 """Places judged by several scans: a symmetric room with one box that only some views show."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -198,6 +199,20 @@ def test_wheels_may_be_wrong_between_views_by_their_drift(relocalizer):
     assert is_at(search.places[0].T_map_base, true)
 
 
+def test_place_that_the_present_scan_speaks_against_is_kept_for_the_other_views(relocalizer):
+    strict = replace(relocalizer, config=replace(relocalizer.config, max_behind=0.0))
+    spoken_against = 0
+    for seed in range(6):
+        rng, search = np.random.default_rng(seed), Hypotheses(strict)
+        search.look(seen(START @ LEFT_60, rng))
+        search.move(LEFT_60.inverse())
+        beams = seen(START, rng)
+        spoken_against += is_at(strict(beams)[0].T_map_base, HALF_TURN @ START)
+        search.look(beams)
+        assert is_at(search.places[0].T_map_base, START)
+    assert spoken_against >= 1
+
+
 def test_best_place_beats_a_wrong_pose_and_not_its_own_mirror(relocalizer):
     there = START @ LEFT_60
     for seed in range(8):
@@ -239,6 +254,19 @@ def test_turn_that_tells_most_brings_the_box_into_view(relocalizer, step_deg):
     assert counts[round(math.degrees(turn_rad))] >= most - 1.0
     smaller = [abs(turn) for turn, count in counts.items() if count > most + 0.5]
     assert all(turn >= abs(math.degrees(turn_rad)) - 1e-6 for turn in smaller)
+
+
+def test_only_places_that_may_still_be_right_are_rivals(relocalizer):
+    search = Hypotheses(relocalizer)
+    assert search.rivals == ()
+    rng = np.random.default_rng(9)
+    search.look(seen(START, rng))
+    assert len(search.rivals) == 2
+    search.move(LEFT_60)
+    search.look(seen(START @ LEFT_60, rng))
+    # the mirror image is carried on, far behind, and no turn need tell it any more
+    assert len(search.places) >= 2
+    assert search.rivals == search.places[:1]
 
 
 def test_turn_is_one_step_where_nothing_tells(relocalizer):

@@ -87,6 +87,13 @@ def test_half_a_turn_is_plus_pi_from_both_sides():
     assert SE2(0.0, 0.0, 3.0 * math.pi).theta == pytest.approx(math.pi)
 
 
+def test_poses_are_near_by_distance_and_by_turn_across_the_seam():
+    pose = SE2(1.0, 2.0, math.pi - 0.01)
+    assert pose.is_near(SE2(1.03, 2.04, -math.pi + 0.01), 0.0501, 0.0201)
+    assert not pose.is_near(SE2(1.03, 2.04, -math.pi + 0.01), 0.0499, 0.0201)
+    assert not pose.is_near(SE2(1.03, 2.04, -math.pi + 0.01), 0.0501, 0.0199)
+
+
 def test_points_of_another_shape_are_refused():
     with pytest.raises(ValueError, match=r"\(N, 2\), not \(3,\)"):
         SE2.identity() @ np.zeros(3)
