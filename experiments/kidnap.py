@@ -25,8 +25,8 @@ from kitasap_sim.places import Place
 from kitasap_sim.simulation import Simulation
 from slam.beams import Beams
 from slam.localization import Localizer
-from slam.lost import Status
 from slam.measurements import Measurement
+from slam.verdict import Status
 
 NAME = "kidnap"
 MAX_LOOKS = 6

@@ -17,10 +17,10 @@ from experiments.known_maps import KnownMap, LogConfig, map_of_file
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.localization import Estimate
-from slam.lost import Status
 from slam.readers.carmen import CarmenLog, read_carmen
 from slam.se2 import SE2
 from slam.trajectory import Trajectory, write_tum
+from slam.verdict import Status
 
 VERDICT_COLUMNS = (
     "time", "status", "x", "y", "theta", "var_x", "cov_xy", "cov_xtheta", "var_y", "cov_ytheta",

@@ -22,14 +22,14 @@ from experiments.known_maps import KnownMap, map_of_scans
 from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
-from slam.beams import Beams
 from slam.hypotheses import HypothesesConfig
 from slam.localization import Estimate, Localizer
-from slam.lost import GuardConfig, Status
+from slam.lost import GuardConfig
 from slam.measurements import Measurement
 from slam.readers.carmen import read_carmen
 from slam.se2 import SE2, wrap_angle
 from slam.trajectory import read_tum
+from slam.verdict import Status
 
 RIGHT_M, RIGHT_RAD = 0.15, math.radians(3.0)
 """As far off a reference as a pose found on a map may be: both are other methods' results."""
@@ -182,7 +182,7 @@ def run(
         order, starts = teleported(rows[half:], jumps, np.random.default_rng(seed))
     known = map_of_scans(of_map, mount, config.map_spacing_m, config.laser)
     if protocol == "each":
-        localizers = _new_localizers(known, order[0][0], mount, config.method)
+        localizers = _new_localizers(known, mount, config.method)
     else:
         localizers = itertools.repeat(known.localizer(config.method, None, mount))
     asked = []
@@ -225,20 +225,12 @@ def teleported(
     return mixed, tuple(starts[1:])
 
 
-def _new_localizers(
-    known: KnownMap, first: Measurement, T_base_laser: SE2, method: str
-) -> Iterator[Localizer]:
-    """Localizers without an end, each of which knows nothing; first: of the scans to be asked."""
+def _new_localizers(known: KnownMap, T_base_laser: SE2, method: str) -> Iterator[Localizer]:
+    """Localizers without an end, each of which knows nothing."""
     usual = HypothesesConfig.fit_for(known.walls)
     of_one_scan = GuardConfig(hypotheses=replace(usual, min_views=1))
-    limits = None
     while True:
-        localizer = known.localizer(method, None, T_base_laser, of_one_scan)
-        assert localizer.guard is not None
-        # the same for all: found once
-        limits = limits or localizer.guard.limits(Beams.of(first.scan, T_base_laser))
-        localizer.guard.take_limits(limits)
-        yield localizer
+        yield known.localizer(method, None, T_base_laser, of_one_scan)
 
 
 def _asked(

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from slam.lost import Status
+from slam.verdict import Status
 
 
 def recovery_figures(

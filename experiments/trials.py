@@ -20,11 +20,11 @@ from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2, odometry_preset
 from kitasap_sim.simulation import Simulation
 from slam.localization import Estimate
-from slam.lost import Status, Verdict
 from slam.measurements import LaserScan
 from slam.open3d_backend import load_open3d
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2, wrap_angle
+from slam.verdict import Status, Verdict
 
 Poses = Literal["paper", "random", "anywhere"]
 MAX_TURN_RATE_RADPS = 1.5

@@ -10,7 +10,7 @@ from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
-from slam.lost import Guard, GuardConfig, Status, Verdict
+from slam.lost import Guard, GuardConfig
 from slam.map_files import read_map, write_map
 from slam.matchers import (
     FastMatcher,
@@ -34,6 +34,7 @@ from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum
+from slam.verdict import Status, Verdict
 
 __all__ = [
     "SE2",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -11,12 +12,13 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.consistency import InnovationMonitor
 from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held
-from slam.lost import Guard, Judgement, Status, Verdict, verdict_of
+from slam.lost import Guard, Look, Step
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.straightening import Straightener
+from slam.verdict import Judgement, Status, Verdict, verdict_of
 
 _FROZEN = "the scan is the last one bit for bit: the laser has frozen"
 _UNUSED = {
@@ -196,19 +198,20 @@ class Localizer:
             return Judgement(Verdict(Status.UNSURE, (_FROZEN,)), None), ()
         if guard is not None and guard.is_lost:
             self._straightener.late = np.zeros((3, 3))  # that of the pose before is over
-            beams = self._beams_of(scan)
-            return guard.search(beams, moved, self.matcher, measurement.time_s), ()
+            return guard.search(self._look(measurement), moved), ()
         T_predicted = self.T_map_base
         match, said = self._straightener.matched(  # steps 2 to 7
             scan, lambda beams: self.matcher(beams.shortened(self._offset_m), T_predicted)
         )
         if guard is None:
             return Judgement(verdict_of(match), match), said
-        judged = guard.judge(
-            self._beams_of(scan), match, self.matcher, T_last, T_predicted,
-            self._filter.covariance, measurement.motion_covariance, measurement.time_s,
-        )  # fmt: skip
-        return judged, said
+        noise = measurement.motion_covariance
+        step = Step(T_last, T_predicted, self._filter.covariance, noise)
+        return guard.judge(self._look(measurement), match, step), said
+
+    def _look(self, measurement: Measurement) -> Look:
+        beams = self._beams_of(measurement.scan)
+        return Look(measurement.time_s, beams, partial(self.matcher, beams))
 
     def _predict(
         self, time_s: float, beam_times_s: FloatArray | None, motion: SE2, noise: FloatArray

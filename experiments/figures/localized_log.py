@@ -13,8 +13,8 @@ from matplotlib.transforms import Affine2D
 from experiments.figures.canvas import saved
 from experiments.localize import LocalizedLog
 from slam.localization import Estimate
-from slam.lost import Status
 from slam.occupancy_grid import UNKNOWN, OccupancyGrid
+from slam.verdict import Status
 
 _COLOURS = {Status.TRACKING: "#0072b2", Status.UNSURE: "#e69f00", Status.LOST: "#d55e00"}
 _GREYS = ListedColormap(["#d9d9d9", "#ffffff", "#9a9a9a", "#333333"])

@@ -9,7 +9,7 @@ from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, generator
 from kitasap_sim import Simulation
 from slam import SE2, Beams, CoarseToFineConfig, Estimate, MatchStatus, Open3dMatcher, ScanMatch
-from slam.lost import Status
+from slam.verdict import Status
 
 PLAIN = CoarseToFineConfig(coarse_spacing_m=1e-6, start_headings_rad=(0.0,))
 """All beams alike, one start: what the three starts below were found with."""

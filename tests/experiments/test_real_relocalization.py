@@ -12,11 +12,11 @@ from experiments.known_maps import KnownMap
 from experiments.real_logs import RealLogConfig
 from experiments.real_relocalization import Asked, Relocalized, table, teleported
 from slam.localization import Estimate
-from slam.lost import Status, Verdict
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.verdict import Status, Verdict
 from tests.experiments.refusals import line_of_refusal, refusal
 
 DATA = Path(__file__).parents[1] / "data"

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from slam import SE2, FastMatcher, LimitMatcher, Localizer, Measurement, SegmentMap, SurfelGrid
-from slam.lost import Guard, Status
+from slam.beams import Beams
+from slam.lost import Guard, Look, Step
 from slam.measurements import LaserScan
 from slam.relocalization import Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
+from slam.verdict import Status
 from tests.slam.all_methods import MODEL, SIGMA_M
 from tests.slam.synthetic import ANGLES_RAD, ROOM_SEGMENTS, scan_of
 
@@ -217,8 +219,27 @@ def test_slide_along_an_open_direction_is_no_jump(room):
         START @ SE2(0.45, 0.0, 0.0), MatchStatus.DEGENERATE, information=np.diag([1e-14, 1e6, 1e6])
     )
     known = ScanMatch(slid.T_map_base, MatchStatus.MATCHED, information=np.diag([1e6, 1e6, 1e6]))
-    assert guard._jump(slid, START, np.diag([1e-4, 1e-4, 1e-4])) is None
-    assert guard._jump(known, START, np.diag([1e-4, 1e-4, 1e-4])) is not None
+    step = Step(START, START, np.diag([1e-4, 1e-4, 1e-4]), np.zeros((3, 3)))
+    assert guard._jump(slid, step) is None
+    assert guard._jump(known, step) is not None
+
+
+def test_what_no_match_explains_moves_the_pose_nowhere(room):
+    robot = Robot(room, START)
+    robot.look()
+    guard = robot.localizer.guard
+    step = Step(START, START, np.diag([1e-4, 1e-4, 1e-4]), np.zeros((3, 3)))
+    astray = ScanMatch(START @ SE2(2.0, 0.0, 1.0), MatchStatus.DEGENERATE)
+    scan = scan_of(ROOM_SEGMENTS, START @ LASER, robot.rng, SIGMA_M)
+    beams = Beams.of(scan, LASER)
+
+    def never(T_start: SE2) -> ScanMatch:
+        return ScanMatch(T_start, MatchStatus.NOT_CONVERGED)
+
+    judged = guard.judge(Look(0.0, beams, never), astray, step)
+    assert judged.verdict.status is Status.LOST
+    assert judged.match is None
+    assert not judged.is_restart
 
 
 def test_laser_blocked_in_part_is_never_fine(room):

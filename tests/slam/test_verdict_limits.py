@@ -45,6 +45,16 @@ def test_same_map_and_laser_have_the_same_limits(in_clutter, usual):
     assert VerdictLimits.calibrated(in_clutter, measured) == usual
 
 
+def test_limits_are_found_once_for_a_map_and_a_laser_however_the_robot_moves(in_clutter):
+    rng = np.random.default_rng(0)
+    turning = Beams(rng.normal(0.0, 0.01, (121, 2)), ANGLES_RAD + 0.02, ASKED.ranges_m)
+    of_one = VerdictLimits.usual_for(in_clutter, turning)
+    assert VerdictLimits.usual_for(in_clutter, ASKED) is of_one
+    assert VerdictLimits.usual_for(searcher(CLUTTERED_ROOM), ASKED) == of_one
+    half = Beams(ASKED.origins_m[::2], ANGLES_RAD[::2], ASKED.ranges_m[::2])
+    assert VerdictLimits.usual_for(in_clutter, half) is not of_one
+
+
 def test_far_more_beams_fit_at_right_poses_than_at_wrong_ones(usual):
     # three people hide a sixth of the beams once in a hundred scans; at a wrong pose a beam in four
     # fits by chance

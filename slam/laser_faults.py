@@ -1,0 +1,56 @@
+"""A laser that says nothing, or that something sits on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.beams import Beams
+from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+
+
+@dataclass(frozen=True)
+class LaserFaultConfig:
+    """When a laser is at fault.
+
+    min_hits: a scan of fewer says nothing. blocked_m, blocked_share: a laser of which that share of
+    the beams ends so near, where the map has nothing, is blocked; blocked_all: wherever it is, since
+    where a robot can stand, some beams go farther than that. Chosen, all of these.
+    """
+
+    min_hits: int = 20
+    blocked_m: float = 0.2
+    blocked_share: float = 0.15
+    blocked_all: float = 0.8
+
+
+def says_nothing(beams: Beams, config: LaserFaultConfig) -> str:
+    """Why a scan says nothing at all, in words; empty where it may."""
+    count = int(np.count_nonzero(beams.is_hit))
+    if count < min(config.min_hits, len(beams)):
+        return f"{count} of {len(beams)} beams came back: no laser, or nothing in its reach"
+    return ""
+
+
+def blocked(
+    beams: Beams, T_map_base: SE2, segment_map: SegmentMap, config: LaserFaultConfig
+) -> str:
+    """That beams end near by where the map has nothing, in words; empty where few do."""
+    with np.errstate(invalid="ignore"):
+        is_near = beams.ranges_m < config.blocked_m  # -inf, too close, is near as well
+    enough = config.blocked_share * len(beams)
+    if np.count_nonzero(is_near) <= enough:
+        return ""
+    walls_m, _ = segment_map.ranges(beams, T_map_base, 2.0 * config.blocked_m)
+    near = int(np.count_nonzero(is_near & (walls_m > 1.5 * config.blocked_m)))
+    if near <= enough:
+        return ""
+    return f"{near} of {len(beams)} beams end within {config.blocked_m} m: laser blocked"
+
+
+def is_covered(beams: Beams, config: LaserFaultConfig) -> bool:
+    """Whether so many beams end near by that the laser is blocked, wherever it is."""
+    with np.errstate(invalid="ignore"):
+        return bool(np.mean(beams.ranges_m < config.blocked_m) > config.blocked_all)

@@ -1,0 +1,91 @@
+"""Wheels that slip or spin: what they tell against what the scans say."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.se2 import SE2, wrap_angle
+
+_MATCH_SIGMA = np.array([0.01, 0.01, 0.01])
+"""Chosen: of one match, x, y [m] and heading [rad], on the widest walls that wheels are checked by."""
+
+
+@dataclass(frozen=True)
+class SlipConfig:
+    """When wheels slip.
+
+    scans, way_m: over so many scans at most, and such a way, they are compared with the scans.
+    off_m, off_rad: by which the two may differ. max_nis: normalised innovation squared by the
+    wheels' own noise that is no chance: 30 is exceeded once in a million. Chosen, all of these.
+    """
+
+    scans: int = 10
+    way_m: float = 0.5
+    off_m: float = 0.05
+    off_rad: float = math.radians(3.0)
+    max_nis: float = 30.0
+
+
+class SlipMonitor:
+    """Compares what wheels and scans say of the last stretch of the way."""
+
+    def __init__(self, config: SlipConfig | None = None) -> None:
+        self.config = config or SlipConfig()
+        self._way: deque[tuple[SE2, SE2, FloatArray]] = deque(maxlen=self.config.scans)
+
+    def clear(self) -> None:
+        """Forgets the way: after it no scan tells where the robot was."""
+        self._way.clear()
+
+    def take(self, T_matched: SE2, told: SE2, noise: FloatArray) -> str:
+        """That wheels and scans have gone different ways, in words; or nothing.
+
+        T_matched: where the scan says the robot is. told: its motion since the last scan by the
+        wheels, noise: (3, 3) of its tangent.
+        """
+        way, config = self._way, self.config
+        way.append((T_matched, told, noise))
+        motion, bound = SE2.identity(), 2.0 * np.diag(np.square(_MATCH_SIGMA))
+        T_then, went_m = T_matched, 0.0
+        for k in range(len(way) - 1, 0, -1):
+            _, step, spread = way[k]
+            motion, bound, T_then = step @ motion, bound + spread, way[k - 1][0]
+            went_m += math.hypot(step.x, step.y)
+            if went_m > config.way_m:  # scans far apart: not the drift of ten metres
+                break
+        seen = T_then.inverse() @ T_matched
+        off = (motion.inverse() @ seen).log()
+        if math.hypot(off[0], off[1]) < config.off_m and abs(off[2]) < config.off_rad:
+            return ""
+        if float(off @ np.linalg.solve(bound, off)) < config.max_nis:
+            return ""
+        return _in_words(motion, seen)
+
+    def of_one_step(self, told: SE2, seen: SE2) -> str:
+        """That the robot moved less than its wheels, along the way they told, in words; or nothing.
+
+        told, seen: the motion since the last scan, by the wheels and by the scan.
+        """
+        told_m = math.hypot(told.x, told.y)
+        # the point of the way told that is nearest to where the scan says
+        share = (told.x * seen.x + told.y * seen.y) / max(told_m * told_m, 1e-12)
+        share = min(max(share, 0.0), 1.0)
+        beside_m = math.hypot(seen.x - share * told.x, seen.y - share * told.y)
+        turned, turn_told = wrap_angle(seen.theta), wrap_angle(told.theta)
+        beyond_rad = max(turned - max(turn_told, 0.0), min(turn_told, 0.0) - turned, 0.0)
+        if beside_m > self.config.off_m or beyond_rad > self.config.off_rad:
+            return ""
+        return _in_words(told, seen)
+
+
+def _in_words(told: SE2, seen: SE2) -> str:
+    return (
+        f"wheels slip or spin: they told {math.hypot(told.x, told.y):.2f} m and"
+        f" {math.degrees(told.theta):.0f} degrees, the scans {math.hypot(seen.x, seen.y):.2f} m and"
+        f" {math.degrees(seen.theta):.0f} degrees"
+    )
