@@ -57,7 +57,7 @@ class BeamConfig:
 
     blurs_m: tuple[float, ...] = (0.02, 0.003)
     max_steps: int = 12
-    tolerance_sigmas: float = 0.2
+    tolerance_sigmas: float = 0.5
     smooth_sigmas: float = 2.0
     smooth_bend: float = 1.0
     edge_nodes: int = 33

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray, frozen_array
+from slam.kernels.beam_points import directions_into, points_into
 from slam.measurements import LaserScan
 from slam.se2 import SE2
 
@@ -60,7 +61,9 @@ class Beams:
     @cached_property
     def directions(self) -> FloatArray:
         """(N, 2) unit vectors."""
-        return np.column_stack([np.cos(self.angles_rad), np.sin(self.angles_rad)])
+        directions = np.empty((len(self), 2))
+        directions_into(self.angles_rad, directions)
+        return directions
 
     @cached_property
     def middle_m(self) -> FloatArray:
@@ -90,5 +93,6 @@ class Beams:
     @cached_property
     def points(self) -> FloatArray:
         """Where the beams hit, (M, 2) [m], base frame, in their order; hits only."""
-        hit = self.is_hit
-        return self.origins_m[hit] + self.ranges_m[hit, np.newaxis] * self.directions[hit]
+        points = np.empty((len(self), 2))
+        count = points_into(self.origins_m, self.directions, self.ranges_m, _FARTHEST_M, points)
+        return points[:count]

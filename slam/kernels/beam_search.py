@@ -227,7 +227,7 @@ def sharpen(
     covariance = inverted(information)
     axes, shifts = np.empty((edge_count, 3)), np.empty((edge_count, nodes.shape[0]))
     ranges, likelihoods = np.empty_like(shifts), np.empty_like(shifts)
-    distances = np.empty(edge_count)
+    distances, is_due = np.empty(edge_count), np.ones(edge_count, dtype=np.bool_)
     for e in range(edge_count):
         distances[e] = min(predicted[edges[e]], limits[1])
     for attempt in range(2):
@@ -240,10 +240,12 @@ def sharpen(
             sigma = math.sqrt(axes[e] @ (covariance @ axes[e]))
             for k in range(nodes.shape[0]):
                 shifts[e, k] = sigma * nodes[k]
-        ranges_beside(vertices, walls, edges, origins, directions, shifts, reach, ranges)
+        ranges_beside(vertices, walls, edges, origins, directions, shifts, is_due, reach, ranges)
         if attempt == 0:
             for e in range(edge_count):
-                distances[e] = min(distances[e], ranges[e].min())
+                nearest = ranges[e].min()
+                is_due[e] = nearest < distances[e]
+                distances[e] = min(distances[e], nearest)
     edge_likelihoods(ranges, edges, measured, noise, limits, outliers, predicted, likelihoods)
     for e in range(edge_count):
         if is_refuted(edges[e], distances[e], predicted, measured, noise, is_kept):

@@ -32,16 +32,19 @@ def ranges_beside(
     origins: FloatArray,
     directions: FloatArray,
     shifts: FloatArray,
+    is_due: BoolArray,
     reach: float,
     ranges: FloatArray,
 ) -> None:
     """Range of each chosen beam from origins shifted to its left; inf where nothing is hit.
 
-    beams: (E,) which of the (N, 2) origins and directions. shifts: (E, K) [m], increasing.
-    ranges: (E, K) results.
+    beams: (E,) which of the (N, 2) origins and directions. shifts: (E, K) [m], increasing. is_due:
+    (E,) of which the ranges (E, K) are to be written.
     """
     node_count = shifts.shape[1]
     for e in range(beams.shape[0]):
+        if not is_due[e]:
+            continue
         i = beams[e]
         ranges[e] = np.inf
         ux, uy = directions[i, 0], directions[i, 1]

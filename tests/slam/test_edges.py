@@ -96,7 +96,8 @@ def test_ranges_beside_are_those_from_the_shifted_origins(seed):
     found_m = np.empty_like(shifts)
     vertices = pose.inverse() @ segment_map.vertices
     ranges_beside(
-        vertices, segment_map.walls, chosen, beams.origins_m, beams.directions, shifts, 30.0, found_m
+        vertices, segment_map.walls, chosen, beams.origins_m, beams.directions, shifts,
+        np.ones(40, dtype=np.bool_), 30.0, found_m,
     )  # fmt: skip
     left = np.column_stack([-beams.directions[:, 1], beams.directions[:, 0]])
     differences = []
@@ -114,6 +115,6 @@ def test_nothing_beside_is_infinite():
     found_m = np.empty((1, 3))
     ranges_beside(
         segment_map.vertices, segment_map.walls, np.zeros(1, dtype=np.int64), np.zeros((1, 2)),
-        np.array([[1.0, 0.0]]), np.array([[-0.2, 0.0, 0.2]]), 30.0, found_m,
+        np.array([[1.0, 0.0]]), np.array([[-0.2, 0.0, 0.2]]), np.ones(1, dtype=np.bool_), 30.0, found_m,
     )  # fmt: skip
     assert found_m.tolist() == [[np.inf, np.inf, 2.0]]

@@ -1,0 +1,37 @@
+"""Directions and end points of beams."""
+
+from __future__ import annotations
+
+import math
+
+from slam.arrays import FloatArray
+from slam.kernels import compiled
+
+
+@compiled
+def directions_into(angles: FloatArray, directions: FloatArray) -> None:
+    """Into directions (N, 2): the unit vectors at angles (N,) [rad]."""
+    for i in range(angles.shape[0]):
+        directions[i, 0] = math.cos(angles[i])
+        directions[i, 1] = math.sin(angles[i])
+
+
+@compiled
+def points_into(
+    origins: FloatArray,
+    directions: FloatArray,
+    ranges: FloatArray,
+    farthest: float,
+    points: FloatArray,
+) -> int:
+    """Into the first rows of points (N, 2): where beams with a finite range below farthest end [m].
+
+    How many.
+    """
+    count = 0
+    for i in range(ranges.shape[0]):
+        if -math.inf < ranges[i] < farthest:
+            points[count, 0] = origins[i, 0] + ranges[i] * directions[i, 0]
+            points[count, 1] = origins[i, 1] + ranges[i] * directions[i, 1]
+            count += 1
+    return count
