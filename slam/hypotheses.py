@@ -150,7 +150,7 @@ class Hypotheses:
 
     def beats(self, T_map_base: SE2, beams: Beams) -> bool:
         """Whether the best place is surely more likely than a pose, by this scan alone."""
-        best, other = self.places[0], self._relocalizer.refined(beams, T_map_base)
+        best, other = self.places[0], self._within_drift(beams, T_map_base)
         margin = self._relocalizer.at(beams, best.T_map_base).log_likelihood - other.log_likelihood
         return margin > self.config.beats * self._margin_needed(best.evidence.log_likelihood)
 
@@ -179,13 +179,17 @@ class Hypotheses:
         for view in reversed(self._witnesses):
             T_then = T_then @ (T_now_then.inverse() @ view.T_now_then)
             T_now_then = view.T_now_then
-            refined = self._relocalizer.refined(view.beams, T_then)
-            if refined.T_map_base.is_near(T_then, self.config.drift_m, self.config.drift_rad):
-                T_then = refined.T_map_base
-            else:
-                refined = self._relocalizer.at(view.beams, T_then)
+            refined = self._within_drift(view.beams, T_then)
+            T_then = refined.T_map_base
             total += refined.log_likelihood
         return replace(place, log_likelihood=total)
+
+    def _within_drift(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
+        """The hypothesis near a pose, no farther than the wheels may be wrong; else the pose."""
+        refined = self._relocalizer.refined(beams, T_map_base)
+        if refined.T_map_base.is_near(T_map_base, self.config.drift_m, self.config.drift_rad):
+            return refined
+        return self._relocalizer.at(beams, T_map_base)
 
 
 def most_telling_turn(

@@ -272,6 +272,15 @@ def test_robot_carried_before_a_wall_is_lost_not_blocked(room):
     assert robot.is_right(robot.look(told=STILL))
 
 
+def test_robot_turned_before_a_wall_near_by_is_lost_not_blocked(room):
+    # 20 cm and 56 degrees off: so near that refining the pose believed leads to the true one
+    robot = Robot(room, SE2(2.1, 0.45, -math.pi / 2 + 0.98), at=SE2(2.1, 0.45, -math.pi / 2 + 0.98))
+    assert robot.look().verdict.status is Status.TRACKING
+    robot.at = SE2(2.0, 0.28, -math.pi / 2)
+    assert robot.look(told=STILL).verdict.status is Status.LOST
+    assert robot.is_right(robot.look(told=STILL))
+
+
 def test_motion_without_a_scan_moves_pose_and_places(room):
     robot = Robot(room, None, at=ELSEWHERE[0])
     robot.look()
