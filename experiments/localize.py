@@ -17,7 +17,8 @@ from experiments.known_maps import KnownMap, LogConfig, map_of_file
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.localization import Estimate
-from slam.readers.carmen import CarmenLog, read_carmen
+from slam.readers.carmen import read_carmen
+from slam.readers.log import Log
 from slam.se2 import SE2
 from slam.trajectory import Trajectory, write_tum
 from slam.verdict import Status
@@ -104,7 +105,7 @@ def run(
 
 def localized(
     known: KnownMap,
-    log: CarmenLog,
+    log: Log,
     start: SE2 | None,
     config: LogConfig,
     on_scan: Callable[[int, int, Estimate], None] | None = None,

@@ -26,7 +26,8 @@ from slam.localization import Estimate, Localizer
 from slam.measurements import Measurement
 from slam.metrics import pose_errors
 from slam.odometry import compose_covariance
-from slam.readers.carmen import CarmenConfig, CarmenLog, read_carmen
+from slam.readers.carmen import CarmenConfig, read_carmen
+from slam.readers.log import Log
 from slam.se2 import SE2
 from slam.trajectory import Trajectory, read_tum, write_tum
 
@@ -125,7 +126,7 @@ def run(
 
 
 def referenced(
-    log: CarmenLog, reference: Trajectory, range_max_m: float
+    log: Log, reference: Trajectory, range_max_m: float
 ) -> Iterator[tuple[Measurement, SE2]]:
     """The measurements whose stamps have a reference pose, with that pose, ranges cut.
 

@@ -1,49 +1,35 @@
-"""CARMEN logs: text lines ODOM, FLASER and PARAM, plain or gzip'd.
-
-Fields of a FLASER line, which has two more poses and stamps behind its ranges:
-`FLASER n r1 .. rn  x y theta  odom_x odom_y odom_theta  ipc_timestamp host logger_timestamp`
-where x y theta is the sensor's pose in the frame of the odometry.
-"""
+"""CARMEN logs, plain or gzip'd; `slam.readers.carmen_lines` has what their lines say."""
 
 from __future__ import annotations
 
-import gzip
 import math
-import zlib
+from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.measurements import LaserScan, Measurement
-from slam.odometry import compose_covariance
+from slam.readers.carmen_lines import KEYWORDS, LASERS, Fan, LaserLine, laser_of, odometry_of
+from slam.readers.lines import numbers, text_lines
+from slam.readers.log import Log, LogRecord, LogRecords
 from slam.se2 import SE2
 
-# Steps of SICK units by number of beams. All start at -90 degrees; with 180 and 360 beams the last
-# is one step short of +90: `linspace(-90, 90, n)` would bend every scan.
-_STEP_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5}
-
-_FIELDS_AFTER_RANGES = 9
-_ODOM_FIELDS = 10
-# The mounting may not differ from scan to scan by more: the log has six decimals.
+_LOG_DECIMALS = 6
 _MOUNTING_TOLERANCE = 1e-3
-
-
-@dataclass(frozen=True)
-class CarmenConfig:
-    """What a CARMEN log does not say about its sensor.
-
-    step_rad: between beams; None takes the usual one of SICK units with 180, 181, 360, 361 beams.
-    range_max_m: what is not below it is no return (logs write 81.83, 81.91 or 50.00).
-    T_base_laser: the mounting; None takes it from the poses in the log.
-    """
-
-    first_beam_rad: float = -math.pi / 2.0
-    step_rad: float | None = None
-    range_max_m: float = 50.0
-    T_base_laser: SE2 | None = None
+"""By which the mounting may differ from scan to scan; chosen: logs with three decimals do so."""
+_MOST_WAITING = 256
+"""Scans that wait for the next odometry record; chosen: some ten seconds of any laser."""
+_NO_ODOMETRY = (1.0, 1.0, 1.0)
+"""Sigmas [m, m, rad] of a motion of which nothing is known; chosen: no robot goes as far from one
+scan to the next."""
+# Of PARAM lines robot_frontlaser_.. and robot_rearlaser_..: where CARMEN has the sensor.
+_PARAMETER_ENDS = ("offset", "side_offset", "angular_offset")
+_PARAMETERS = {f"robot_{side}laser_{end}" for side in ("front", "rear") for end in _PARAMETER_ENDS}
+_USUAL_MOUNTINGS = {"RAWLASER2": SE2(0.0, 0.0, math.pi)}
+"""CARMEN's second laser looks backward."""
 
 
 @dataclass(frozen=True)
@@ -68,154 +54,207 @@ class LogOdometryNoise:
 
 
 @dataclass(frozen=True)
-class CarmenRecord:
-    """One line of the log: the robot's pose by wheel odometry alone, and the scan if it has one."""
+class CarmenConfig:
+    """What a CARMEN log does not say about its sensor.
 
-    time_s: float
-    T_odom_base: SE2
-    scan: LaserScan | None
+    first_beam_rad, step_rad: of FLASER lines; None takes the usual ones of sensors with so many
+    beams. range_max_m: what is not below it is no return (logs write 81.83, 81.91 or 50.00); lines
+    that announce a maximum range go by their own. T_base_laser: the mounting; None takes it from
+    the poses in the log, or from its PARAM lines. laser: the name of the lines to read, where
+    there are several; None takes the first of `LASERS` that there is.
+    """
 
-
-@dataclass(frozen=True)
-class CarmenLog:
-    """A log in the order of its lines. The stamps are as recorded: in some logs they go back."""
-
-    name: str
-    T_base_laser: SE2
-    records: tuple[CarmenRecord, ...]
+    first_beam_rad: float | None = None
+    step_rad: float | None = None
+    range_max_m: float = 50.0
+    T_base_laser: SE2 | None = None
+    laser: str | None = None
     noise: LogOdometryNoise = LogOdometryNoise()
 
+    def __post_init__(self) -> None:
+        if self.laser is not None and self.laser not in LASERS:
+            raise ValueError(f"no laser called '{self.laser}'; there are: {', '.join(LASERS)}")
+
     @property
-    def scan_count(self) -> int:
-        """How many of the records have a scan."""
-        return sum(record.scan is not None for record in self.records)
-
-    def measurements(self) -> Iterator[Measurement]:
-        """One Measurement per scan, with the motion over all odometry records since the last."""
-        motion, covariance = SE2.identity(), np.zeros((3, 3))
-        T_odom_last = self.records[0].T_odom_base
-        for record in self.records:
-            step = T_odom_last.inverse() @ record.T_odom_base
-            covariance = compose_covariance(covariance, step, self.noise.covariance(step))
-            motion = motion @ step
-            T_odom_last = record.T_odom_base
-            if record.scan is not None:
-                yield Measurement(record.time_s, motion, record.scan, covariance)
-                motion, covariance = SE2.identity(), np.zeros((3, 3))
+    def fan(self) -> Fan:
+        """What the lines themselves do not tell."""
+        return Fan(self.first_beam_rad, self.step_rad, self.range_max_m)
 
 
-def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> CarmenLog:
-    """The log in a file, plain or gzip'd.
+def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
+    """The log in a file, plain or gzip'd. It is read through once now, and again by whoever asks.
 
     Raises ValueError, one line that names the file and the line, for what is not a CARMEN log, is
     cut, or has no scan in it; OSError when the file cannot be opened.
     """
     path, config = Path(path), config or CarmenConfig()
-    records: list[CarmenRecord] = []
-    mountings: list[SE2] = []
+    survey = _Survey(path.name)
+    for number, fields in _lines(path):
+        survey.add(fields, f"{path.name} line {number}", config)
+    laser = survey.chosen_laser(config)
+    has_odometry = laser in ("FLASER", "ROBOTLASER1") or survey.counts["ODOM"] > 0
+    return Log(
+        name=path.name,
+        T_base_laser=survey.mounting(laser, config),
+        scan_count=survey.counts[laser],
+        records=LogRecords(
+            survey.counts[laser] + survey.counts["ODOM"], partial(_records, path, laser, config)
+        ),
+        noise=config.noise.covariance if has_odometry else _unknown_motion,
+        has_odometry=has_odometry,
+    )
+
+
+def _records(path: Path, laser: str, config: CarmenConfig) -> Iterator[LogRecord]:
+    """The records of a file, one after the other.
+
+    Scans without a pose of their own wait for the odometry record behind them, between whose pose
+    and that of the one before they lie by their stamps.
+    """
+    waiting: deque[LaserLine] = deque()
+    before: tuple[float, SE2] | None = None
+    fan = config.fan
     for number, fields in _lines(path):
         place = f"{path.name} line {number}"
         if fields[0] == "ODOM":
-            records.append(_odom_record(fields, place))
-        elif fields[0] == "FLASER":
-            record, T_odom_laser = _scan_record(fields, place, config)
-            records.append(record)
-            mountings.append(record.T_odom_base.inverse() @ T_odom_laser)
-    if not mountings:
-        raise ValueError(f"{path.name}: no FLASER line, so no scan to work with")
-    return CarmenLog(path.name, _mounting(mountings, path.name, config), tuple(records))
+            after = odometry_of(fields, place)
+            while waiting:
+                line = waiting.popleft()
+                yield LogRecord(line.time_s, _between(before, after, line.time_s), line.scan())
+            yield LogRecord(*after, None)
+            before = after
+        elif fields[0] == laser:
+            line = laser_of(fields, place, fan)
+            if line.T_odom_base is not None:
+                yield LogRecord(line.time_s, line.T_odom_base, line.scan())
+            else:
+                waiting.append(line)
+        if len(waiting) > _MOST_WAITING:
+            line = waiting.popleft()
+            yield LogRecord(line.time_s, _last(before), line.scan())
+    while waiting:
+        line = waiting.popleft()
+        yield LogRecord(line.time_s, _last(before), line.scan())
+
+
+def _between(before: tuple[float, SE2] | None, after: tuple[float, SE2], time_s: float) -> SE2:
+    """The pose at a time on the arc between two odometry records, or at the nearer end of it."""
+    if before is None or after[0] <= before[0]:
+        return after[1]
+    share = min(max((time_s - before[0]) / (after[0] - before[0]), 0.0), 1.0)
+    return before[1] @ SE2.exp(share * (before[1].inverse() @ after[1]).log())
+
+
+def _last(before: tuple[float, SE2] | None) -> SE2:
+    return SE2.identity() if before is None else before[1]
+
+
+def _unknown_motion(motion: SE2) -> FloatArray:
+    """(3, 3) of a motion that nothing measured."""
+    return np.diag(np.square(_NO_ODOMETRY))
+
+
+@dataclass
+class _Mounting:
+    """The sensor's pose on the robot by the poses of scan after scan."""
+
+    first: SE2
+    count: int = 0
+    total: FloatArray = field(default_factory=lambda: np.zeros(3))
+    most: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def add(self, T_base_laser: SE2) -> None:
+        """As one more scan has it."""
+        off = (self.first.inverse() @ T_base_laser).as_array()
+        self.count += 1
+        self.total += off
+        self.most = np.maximum(self.most, np.abs(off))
+
+    @property
+    def mean(self) -> SE2:
+        """Over all scans, to the six decimals of the log."""
+        mean = self.first @ SE2.from_array(self.total / self.count)
+        return SE2.from_array(np.round(mean.as_array(), _LOG_DECIMALS) + 0.0)  # and no -0.0
+
+
+@dataclass
+class _Survey:
+    """What is learnt of a log by reading it through: that it is whole, and what it holds."""
+
+    name: str
+    counts: Counter[str] = field(default_factory=Counter)
+    parameters: dict[str, float] = field(default_factory=dict)
+    mountings: dict[str, _Mounting] = field(default_factory=dict)
+
+    def add(self, fields: list[str], place: str, config: CarmenConfig) -> None:
+        """One line more. Raises ValueError where it is not what its name says."""
+        name = fields[0]
+        if name == "ODOM":
+            odometry_of(fields, place)
+        elif name == "PARAM":
+            if len(fields) > 2 and fields[1] in _PARAMETERS:
+                self.parameters[fields[1]] = numbers(fields[2:3], place)[0]
+        elif name in LASERS and config.laser in (None, name):
+            line = laser_of(fields, place, config.fan)
+            if line.T_odom_base is not None and line.T_odom_laser is not None:
+                mounting = line.T_odom_base.inverse() @ line.T_odom_laser
+                self.mountings.setdefault(name, _Mounting(mounting)).add(mounting)
+        else:
+            return
+        self.counts[name] += 1
+
+    def chosen_laser(self, config: CarmenConfig) -> str:
+        """The name of the lines that are the scans. Raises ValueError where there are none."""
+        asked = LASERS if config.laser is None else (config.laser,)
+        for laser in asked:
+            if self.counts[laser]:
+                return laser
+        kinds = "FLASER, ROBOTLASER1 or RAWLASER" if config.laser is None else config.laser
+        raise ValueError(f"{self.name}: no {kinds} line, so no scan to work with")
+
+    def mounting(self, laser: str, config: CarmenConfig) -> SE2:
+        """The sensor on the robot: as given, by the poses of the log, by its parameters."""
+        if config.T_base_laser is not None:
+            return config.T_base_laser
+        by_poses = self.mountings.get(laser)
+        if by_poses is not None and (by_poses.most <= _MOUNTING_TOLERANCE).all():
+            return by_poses.mean
+        by_parameters = self._mounting_by_parameters(laser)
+        if by_parameters is not None:
+            return by_parameters
+        if by_poses is not None:
+            raise ValueError(
+                f"{self.name}: the sensor moves on the robot by up to {by_poses.most.max():.3f}"
+                " (its pose is not in the frame of the odometry?); give T_base_laser"
+            )
+        return _USUAL_MOUNTINGS.get(laser, SE2.identity())
+
+    def _mounting_by_parameters(self, laser: str) -> SE2 | None:
+        side = "rear" if laser == "RAWLASER2" else "front"
+        names = [f"robot_{side}laser_{end}" for end in _PARAMETER_ENDS]
+        if names[0] not in self.parameters or laser in ("RAWLASER3", "RAWLASER4"):
+            return None
+        usual = _USUAL_MOUNTINGS.get(laser, SE2.identity()).as_array()
+        pairs = zip(names, usual, strict=True)
+        mounting = [self.parameters.get(name, value) for name, value in pairs]
+        if abs(mounting[2]) > 2.0 * math.pi:
+            raise ValueError(
+                f"{self.name}: PARAM {names[2]} {mounting[2]:g} is no angle in radians;"
+                " give T_base_laser"
+            )
+        return SE2(*mounting)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The fields of each line that has any, comments left out, with the number of the line."""
-    number = 0
-    try:
-        with _opened(path) as lines:
-            for number, line in enumerate(lines, start=1):
-                if b"\0" in line:
-                    raise ValueError(f"{path.name} line {number}: binary, not a CARMEN log")
-                fields = line.decode("utf-8").split()
-                if fields and not line.endswith(b"\n") and _is_cut(fields[0]):
-                    raise ValueError(f"{path.name} line {number}: cut within its first word")
-                if fields and not fields[0].startswith("#"):
-                    yield number, fields
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name} line {number}: binary, not a CARMEN log") from error
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise ValueError(
-            f"{path.name}: the gzip file is cut or damaged after line {number} ({error})"
-        ) from error
+    for number, line in text_lines(path, "a CARMEN log"):
+        fields = line.split()
+        if fields and not line.endswith("\n") and _is_cut(fields[0]):
+            raise ValueError(f"{path.name} line {number}: cut within its first word")
+        if fields and not fields[0].startswith("#"):
+            yield number, fields
 
 
 def _is_cut(word: str) -> bool:
     """Whether a word is the beginning of a keyword, and no more."""
-    return any(key.startswith(word) and key != word for key in ("ODOM", "FLASER", "PARAM"))
-
-
-def _opened(path: Path) -> gzip.GzipFile:
-    """The file as a stream of lines; told from its first bytes, since names lie."""
-    with path.open("rb") as file:
-        is_gzip = file.read(2) == b"\x1f\x8b"
-    # a plain binary file has all that is used of a GzipFile here: its lines, and its end
-    return gzip.open(path, "rb") if is_gzip else path.open("rb")  # type: ignore[return-value]
-
-
-def _odom_record(fields: list[str], place: str) -> CarmenRecord:
-    if len(fields) < _ODOM_FIELDS:
-        raise ValueError(f"{place}: ODOM has {_ODOM_FIELDS} fields, found {len(fields)}")
-    x, y, theta, time_s = _numbers([*fields[1:4], fields[-3]], place)
-    _check_finite([x, y, theta, time_s], place)
-    return CarmenRecord(time_s, SE2(x, y, theta), None)
-
-
-def _scan_record(fields: list[str], place: str, config: CarmenConfig) -> tuple[CarmenRecord, SE2]:
-    """The record of a FLASER line, and the sensor's pose in the frame of the odometry."""
-    announced = fields[1] if len(fields) > 1 else "no number of"
-    found = max(len(fields) - 2 - _FIELDS_AFTER_RANGES, 0)
-    if not announced.isdecimal() or int(announced) != found:
-        raise ValueError(f"{place}: FLASER announces {announced} ranges, found {found}")
-    ranges_m = np.array(_numbers(fields[2 : 2 + found], place))
-    poses = _numbers(fields[2 + found : 8 + found], place)
-    (time_s,) = _numbers([fields[-3]], place)  # ipc_timestamp, not the logger's in the last field
-    _check_finite([*poses, time_s], place)
-    ranges_m[ranges_m < 0.0] = np.nan
-    ranges_m[ranges_m >= config.range_max_m] = np.inf
-    scan = LaserScan(time_s, _beam_angles_rad(found, place, config), ranges_m)
-    return CarmenRecord(time_s, SE2(*poses[3:]), scan), SE2(*poses[:3])
-
-
-def _beam_angles_rad(count: int, place: str, config: CarmenConfig) -> FloatArray:
-    step_rad = config.step_rad
-    if step_rad is None:
-        if count not in _STEP_DEG:
-            raise ValueError(
-                f"{place}: the step between {count} beams is not known (it is for"
-                f" {', '.join(map(str, _STEP_DEG))}); give step_rad"
-            )
-        step_rad = math.radians(_STEP_DEG[count])
-    return np.asarray(config.first_beam_rad + step_rad * np.arange(count))
-
-
-def _mounting(mountings: list[SE2], name: str, config: CarmenConfig) -> SE2:
-    if config.T_base_laser is not None:
-        return config.T_base_laser
-    poses = np.array([mounting.as_array() for mounting in mountings])
-    spread = np.abs(poses - poses[0]).max(axis=0)
-    if (spread > _MOUNTING_TOLERANCE).any():
-        raise ValueError(
-            f"{name}: the sensor moves on the robot by up to {spread.max():.3f} (its pose is not in"
-            " the frame of the odometry?); give T_base_laser"
-        )
-    return SE2.from_array(np.median(poses, axis=0))
-
-
-def _numbers(fields: list[str], place: str) -> list[float]:
-    try:
-        return [float(field) for field in fields]
-    except ValueError as error:
-        raise ValueError(f"{place}: {error}") from error
-
-
-def _check_finite(values: list[float], place: str) -> None:
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"{place}: a pose or a stamp is not finite")
+    return word not in KEYWORDS and any(key.startswith(word) for key in KEYWORDS)

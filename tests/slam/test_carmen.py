@@ -2,12 +2,14 @@
 
 import gzip
 import math
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from slam.readers.carmen import CarmenConfig, read_carmen
+from slam.readers.log import MotionSinceScan
 from slam.se2 import SE2
 from tests.slam.logs import shared_log
 
@@ -163,7 +165,10 @@ def test_broken_line_is_named_in_one_line(tmp_path, last_line, message):
 
 def test_log_without_a_scan_is_refused(tmp_path):
     for lines in ([odom(0, 0, 0, 1)], [""], ["just some text"]):
-        with pytest.raises(ValueError, match=r"^a.clf: no FLASER line, so no scan to work with$"):
+        with pytest.raises(
+            ValueError,
+            match=r"^a.clf: no FLASER, ROBOTLASER1 or RAWLASER line, so no scan to work with$",
+        ):
             read_carmen(written(tmp_path, *lines))
 
 
@@ -227,3 +232,43 @@ def test_a_log_cut_within_a_keyword_is_refused(tmp_path):
     (tmp_path / "cut.clf").write_text(whole + "FLAS")
     with pytest.raises(ValueError, match=r"cut\.clf line \d+: cut within its first word"):
         read_carmen(tmp_path / "cut.clf")
+
+
+def test_a_log_is_read_anew_by_each_pass_and_keeps_no_scan(tmp_path):
+    lines = [flaser(RANGES, SE2(0.1 * i, 0.0, 0.0), float(i)) for i in range(2000)]
+    path = written(tmp_path, *lines)
+    tracemalloc.start()
+    log = read_carmen(path)
+    for passes in range(2):
+        assert sum(1 for _ in log.measurements()) == log.scan_count == 2000, passes
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # the ranges of all scans alone are 2.9 MB
+    assert peak < 0.5e6
+
+
+def test_sensor_pose_off_the_odometry_leaves_the_mounting_to_the_parameters(tmp_path):
+    # logs that somebody corrected: the pose of the sensor is the corrected one
+    lines = [
+        "PARAM robot_frontlaser_offset 0.08 nohost 0",
+        flaser(RANGES, SE2.identity(), 1.0, SE2(0.1, 0.0, 0.0)),
+        flaser(RANGES, SE2.identity(), 2.0, SE2(0.2, 0.0, 0.0)),
+    ]
+    assert read_carmen(written(tmp_path, *lines)).T_base_laser == SE2(0.08, 0.0, 0.0)
+
+
+def test_a_pose_for_every_record_follows_from_the_motion_since_the_last_scan(tmp_path):
+    path = written(
+        tmp_path,
+        flaser(RANGES, SE2.identity(), 1.0),
+        odom(0.2, 0.0, 0.0, 1.2),
+        odom(0.5, 0.0, 0.1, 1.4),
+        flaser(RANGES, SE2(0.5, 0.0, 0.1), 1.4),
+    )
+    log = read_carmen(path)
+    motion = MotionSinceScan(log.noise)
+    at_record = []
+    for record in log.records:
+        measurement = motion.add(record)
+        at_record.append((measurement is not None, motion.motion.x))
+    assert at_record == [(True, 0.0), (False, 0.2), (False, 0.5), (True, 0.0)]

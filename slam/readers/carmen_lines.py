@@ -1,0 +1,172 @@
+"""The lines of CARMEN logs that matter here, each as what it says.
+
+`name [content] ipc_timestamp ipc_hostname logger_timestamp`, where the content is, as CARMEN's own
+header of a log has it:
+ODOM: x y theta tv rv accel
+FLASER: n r1 .. rn, then x y theta of the sensor and of the robot, both in the odometry's frame
+ROBOTLASER1: laser_type start_angle field_of_view angular_resolution maximum_range accuracy
+remission_mode, n r1 .. rn, num_remissions and these, x y theta of sensor and robot,
+tv rv forward_safety_dist side_safety_dist turn_axis; older ones have no remissions and no turn_axis
+RAWLASER1 to RAWLASER4: as far as the remissions, and no poses
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.measurements import LaserScan
+from slam.readers.lines import numbers
+from slam.se2 import SE2
+
+LASERS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "RAWLASER2", "RAWLASER3", "RAWLASER4")
+"""By preference: a log often has the same scan as several of them; the first tell the odometry."""
+KEYWORDS = (*LASERS, "ODOM", "PARAM")
+
+# First beam and step of usual sensors by number of beams, which is all that FLASER tells. SICK
+# units with 180 and 360 beams end one step short of +90: `linspace(-90, 90, n)` would bend every
+# scan. 401 beams are a SICK at a quarter of a degree, 541 and more the sensors that see 270 degrees.
+_FANS_DEG = {
+    **{180: (-90.0, 1.0), 181: (-90.0, 1.0), 360: (-90.0, 0.5), 361: (-90.0, 0.5)},
+    **{401: (-50.0, 0.25), 541: (-135.0, 0.5), 721: (-90.0, 0.25), 1081: (-135.0, 0.25)},
+}
+
+_NO_RETURN_SHARE = 0.9985
+"""Of the maximum range that a line announces: SICK units say 81.83 to 81.91 of 81.92 m, 8.183 of
+8.192 m for no return or a blinded beam."""
+
+_STAMPS = 3
+_ODOM_FIELDS = 10
+_POSES = 6
+_HEAD = 9  # name, seven facts of the sensor, number of ranges
+_MOTION_FIELDS = 5  # behind the poses of ROBOTLASER1
+
+
+@dataclass(frozen=True)
+class Fan:
+    """What a FLASER line does not say of its beams; None takes the usual one of their number."""
+
+    first_beam_rad: float | None
+    step_rad: float | None
+    range_max_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class LaserLine:
+    """A scan as its line tells it. The poses are None where the line has none."""
+
+    time_s: float
+    angles_rad: FloatArray
+    ranges_m: FloatArray
+    T_odom_base: SE2 | None
+    T_odom_laser: SE2 | None
+
+    def scan(self) -> LaserScan:
+        """The same as a scan."""
+        return LaserScan(self.time_s, self.angles_rad, self.ranges_m)
+
+
+def odometry_of(fields: list[str], place: str) -> tuple[float, SE2]:
+    """Stamp and pose of an ODOM line."""
+    if len(fields) < _ODOM_FIELDS:
+        raise ValueError(f"{place}: ODOM has {_ODOM_FIELDS} fields, found {len(fields)}")
+    x, y, theta, time_s = _finite([*fields[1:4], fields[-3]], place)
+    return time_s, SE2(x, y, theta)
+
+
+def laser_of(fields: list[str], place: str, fan: Fan) -> LaserLine:
+    """The scan of a line whose name is one of `LASERS`."""
+    if fields[0] == "FLASER":
+        return _flaser(fields, place, fan)
+    return _new_laser(fields, place, fan)
+
+
+def _flaser(fields: list[str], place: str, fan: Fan) -> LaserLine:
+    announced = fields[1] if len(fields) > 1 else "no number of"
+    found = max(len(fields) - 2 - _POSES - _STAMPS, 0)
+    if not announced.isdecimal() or int(announced) != found:
+        raise ValueError(f"{place}: FLASER announces {announced} ranges, found {found}")
+    ranges_m = np.array(numbers(fields[2 : 2 + found], place))
+    # ipc_timestamp, not the logger's in the last field
+    *poses, time_s = _finite([*fields[2 + found : 8 + found], fields[-3]], place)
+    angles_rad = _angles_of_count(found, place, fan)
+    _mark(ranges_m, fan.range_max_m)
+    return LaserLine(time_s, angles_rad, ranges_m, SE2(*poses[3:]), SE2(*poses[:3]))
+
+
+def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
+    """Of ROBOTLASER1 and RAWLASER, which tell their beams themselves."""
+    name = fields[0]
+    count = int(fields[8]) if len(fields) >= _HEAD and fields[8].isdecimal() else -1
+    rest = fields[_HEAD + count :] if count >= 0 else []
+    poses = _poses_of(rest, is_robot=name.startswith("ROBOT"))
+    if count < 1 or poses is None:
+        announced = fields[8] if len(fields) >= _HEAD else "no number of"
+        raise ValueError(
+            f"{place}: {name} announces {announced} ranges, which its {len(fields)} fields do not"
+            " hold with what else belongs to such a line"
+        )
+    facts = _finite([*fields[2:6], fields[-3], *poses], place)
+    first_rad, view_rad, step_rad, range_max_m, time_s = facts[:5]
+    # half a step of rounding, and one for those that count the end of the view in
+    if step_rad <= 0.0 or (count - 1.5) * step_rad > view_rad:
+        raise ValueError(
+            f"{place}: {name} has {count} beams, {step_rad} rad apart, in a view of {view_rad} rad:"
+            " they do not fit"
+        )
+    ranges_m = np.array(numbers(fields[_HEAD : _HEAD + count], place))
+    _mark(ranges_m, _NO_RETURN_SHARE * range_max_m if range_max_m > 0.0 else fan.range_max_m)
+    angles_rad = _angles(count, first_rad, step_rad)
+    if not poses:
+        return LaserLine(time_s, angles_rad, ranges_m, None, None)
+    return LaserLine(time_s, angles_rad, ranges_m, SE2(*facts[8:]), SE2(*facts[5:8]))
+
+
+def _poses_of(rest: list[str], is_robot: bool) -> list[str] | None:
+    """The fields of the poses behind the ranges, none for RAWLASER; None where the rest is cut."""
+    motion = _POSES + _MOTION_FIELDS if is_robot else 0
+    # no remissions, not even their number, and no turn axis
+    if is_robot and len(rest) in (motion - 1 + _STAMPS, motion + _STAMPS):
+        return rest[:_POSES]
+    remissions = int(rest[0]) if rest and rest[0].isdecimal() else -1
+    if remissions < 0 or len(rest) != 1 + remissions + motion + _STAMPS:
+        return None
+    return rest[1 + remissions : 1 + remissions + _POSES] if is_robot else []
+
+
+def _mark(ranges_m: FloatArray, no_return_m: float) -> None:
+    """Writes invalid and missing ranges as `LaserScan` wants them."""
+    ranges_m[ranges_m < 0.0] = np.nan
+    ranges_m[ranges_m >= no_return_m] = np.inf
+
+
+def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
+    usual_first, usual_step = _FANS_DEG.get(count, (-90.0, None))
+    step_rad = fan.step_rad
+    if step_rad is None:
+        if usual_step is None:
+            raise ValueError(
+                f"{place}: the step between {count} beams is not known (it is for"
+                f" {', '.join(map(str, _FANS_DEG))}); give step_rad"
+            )
+        step_rad = math.radians(usual_step)
+    first_rad = math.radians(usual_first) if fan.first_beam_rad is None else fan.first_beam_rad
+    return _angles(count, first_rad, step_rad)
+
+
+@lru_cache(maxsize=8)
+def _angles(count: int, first_rad: float, step_rad: float) -> FloatArray:
+    angles_rad = np.asarray(first_rad + step_rad * np.arange(count))
+    angles_rad.flags.writeable = False
+    return angles_rad
+
+
+def _finite(fields: list[str], place: str) -> list[float]:
+    values = numbers(fields, place)
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"{place}: a pose or a stamp is not finite")
+    return values

@@ -1,0 +1,92 @@
+"""A recorded log, whatever its format: records one at a time, and the measurements they make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.measurements import LaserScan, Measurement
+from slam.odometry import compose_covariance
+from slam.se2 import SE2
+
+MotionNoise = Callable[[SE2], FloatArray]
+"""(3, 3) covariance of a motion, of the tangent (x, y, theta) in the robot's frame at its end."""
+
+
+@dataclass(frozen=True)
+class LogRecord:
+    """One entry of a log: the robot's pose by wheel odometry alone, and the scan if it has one."""
+
+    time_s: float
+    T_odom_base: SE2
+    scan: LaserScan | None
+
+
+@dataclass(frozen=True, eq=False)
+class LogRecords:
+    """The records of a log in the order of its lines: read from the file anew by each `for`.
+
+    The stamps are as recorded: in some logs they go back.
+    """
+
+    count: int
+    read: Callable[[], Iterator[LogRecord]] = field(repr=False)
+
+    def __len__(self) -> int:
+        return self.count
+
+    def __iter__(self) -> Iterator[LogRecord]:
+        return self.read()
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """A log that was read through once, and found whole; none of its scans is kept.
+
+    has_odometry: False where the log has scans alone; the motions are then nothing but a guess.
+    """
+
+    name: str
+    T_base_laser: SE2
+    scan_count: int
+    records: LogRecords
+    noise: MotionNoise = field(repr=False)
+    has_odometry: bool = True
+
+    def measurements(self) -> Iterator[Measurement]:
+        """One Measurement per scan, with the motion over all odometry records since the last."""
+        motion = MotionSinceScan(self.noise)
+        for record in self.records:
+            measurement = motion.add(record)
+            if measurement is not None:
+                yield measurement
+
+
+class MotionSinceScan:
+    """The way since the last scan, record by record: for a pose at each record, not each scan."""
+
+    def __init__(self, noise: MotionNoise) -> None:
+        self._noise = noise
+        self._T_odom_last: SE2 | None = None
+        self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
+
+    @property
+    def motion(self) -> SE2:
+        """From the last scan, or the first record, to the last record."""
+        return self._motion
+
+    def add(self, record: LogRecord) -> Measurement | None:
+        """The measurement that a record with a scan makes; None where it has none."""
+        if self._T_odom_last is not None:
+            step = self._T_odom_last.inverse() @ record.T_odom_base
+            self._covariance = compose_covariance(self._covariance, step, self._noise(step))
+            self._motion = self._motion @ step
+        self._T_odom_last = record.T_odom_base
+        if record.scan is None:
+            return None
+        measurement = Measurement(record.time_s, self._motion, record.scan, self._covariance)
+        self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
+        return measurement
