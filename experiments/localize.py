@@ -17,8 +17,8 @@ from experiments.known_maps import KnownMap, LogConfig, map_of_file
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.localization import Estimate
-from slam.readers.carmen import read_carmen
 from slam.readers.log import Log
+from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.trajectory import Trajectory, write_tum
 from slam.verdict import Status
@@ -91,14 +91,14 @@ def run(
     config: LogConfig | None = None,
     on_scan: Callable[[int, int, Estimate], None] | None = None,
 ) -> LocalizedLog:
-    """Every scan of a CARMEN log on a ROS map, from a start or from nowhere.
+    """Every scan of a recorded log on a ROS map, from a start or from nowhere.
 
     on_scan: told of each, with its number and how many there are. Raises ValueError for files that
     are not what they should be, OSError for unreadable ones.
     """
     config = config or LogConfig()
     known = map_of_file(map_path, config.laser)
-    log = read_carmen(log_path)
+    log = read_log(log_path)
     estimates, last = localized(known, log, start, config, on_scan)
     return LocalizedLog(log.name, map_path.name, config, known, tuple(estimates), last, start)
 

@@ -27,6 +27,8 @@ from slam.odometry import DifferentialDrive, OdometryNoise
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.readers.carmen import read_carmen
+from slam.readers.recognition import read_log
+from slam.readers.ticks import read_ticks
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.scan_matching import SurfelMatchConfig, match_surfels
@@ -85,7 +87,9 @@ __all__ = [
     "match_scan_coarse_to_fine",
     "match_surfels",
     "read_carmen",
+    "read_log",
     "read_map",
+    "read_ticks",
     "read_tum",
     "write_map",
     "write_tum",

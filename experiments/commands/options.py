@@ -29,7 +29,7 @@ Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder pe
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]
 Trials = Annotated[int, typer.Option(min=1, help="How many.")]
 
-Log = Annotated[Path, typer.Argument(help="A CARMEN log, gz or plain.")]
+Log = Annotated[Path, typer.Argument(help="A recorded log, gz or plain.")]
 LogOut = Annotated[Path, typer.Option(help="Folder of the results.")]
 LogMethod = Annotated[str, typer.Option(help="open3d, fast or limit.")]
 

@@ -238,7 +238,7 @@ def test_map_without_a_wall_to_see_is_refused(around, wall, said, tmp_path, caps
     [
         (None, "No such file or directory"),
         ("ODOM 0 0 0 0 0 0 1 host 1\n", "no FLASER, ROBOTLASER1 or RAWLASER line"),
-        ("", "no FLASER, ROBOTLASER1 or RAWLASER line"),
+        ("", "is empty; expected a CARMEN log"),
         ("FLASER 180 1.0 2.0\n", "log.clf line 1: FLASER announces 180 ranges, found 0"),
     ],
 )
