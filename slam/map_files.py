@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +20,7 @@ from PIL import Image
 
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.se2 import SE2
+from slam.whole_files import write_whole
 
 MapMode = Literal["trinary", "scale", "raw"]
 ImageFormat = Literal["pgm", "png"]
@@ -114,8 +114,8 @@ def write_map(
         "free_thresh": free_thresh,
     }
     text = yaml.safe_dump(header, sort_keys=False, default_flow_style=None, allow_unicode=True)
-    _write_whole(image_path, encoded.getvalue())
-    _write_whole(path, text.encode("utf-8"))
+    write_whole(image_path, encoded.getvalue())
+    write_whole(path, text.encode("utf-8"))
 
 
 def _read_header(path: Path) -> _Header:
@@ -283,14 +283,3 @@ def _pixels(grid: OccupancyGrid, mode: MapMode) -> NDArray[np.uint8]:
     greys = np.rint(255.0 * brightness).astype(np.uint8)
     # as nav2 writes it, since GraphicsMagick loses the opacity of a grey image
     return np.stack([greys, greys, greys, np.where(is_unknown, 0, 255).astype(np.uint8)], axis=-1)
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Writes a file so that at any moment there is the old one or the new one, whole."""
-    # Beside the target, since a rename is atomic within one file system only.
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        unfinished.write_bytes(content)
-        os.replace(unfinished, path)
-    finally:
-        unfinished.unlink(missing_ok=True)

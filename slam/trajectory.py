@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray, frozen_array
 from slam.se2 import wrap_angle
+from slam.whole_files import write_whole
 
 _UNIT_TOLERANCE = 0.01
 _TUM_HEADER = "# time_s x y z qx qy qz qw"
@@ -72,10 +72,7 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
         quaternion_z, quaternion_w = math.sin(theta / 2.0), math.cos(theta / 2.0)
         values = (time_s, x, y, 0.0, 0.0, 0.0, quaternion_z, quaternion_w)
         lines.append(" ".join(f"{value:.9f}" for value in values))
-    # Beside the target, since a rename is atomic within one file system only.
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    unfinished.replace(path)
+    write_whole(path, ("\n".join(lines) + "\n").encode("utf-8"))
 
 
 def read_tum(path: str | Path) -> Trajectory:

@@ -38,7 +38,7 @@ ONLY_IN = {
 }
 
 RANKS = (
-    {"arrays", "se2", "kernels"},
+    {"arrays", "se2", "kernels", "pose_arrays", "whole_files"},
     {
         "measurements",
         "odometry",
@@ -50,7 +50,7 @@ RANKS = (
         "beams",
     }
     | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
-    | {"surfels", "map_files"},
+    | {"surfels", "map_files", "pose_lookup"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"},
     {

@@ -316,7 +316,7 @@ def test_map_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
     def refused(*_: object) -> None:
         raise OSError("no space left")
 
-    monkeypatch.setattr("slam.map_files.os.replace", refused)
+    monkeypatch.setattr("slam.whole_files.os.replace", refused)
     with pytest.raises(OSError, match="no space left"):
         write_map(tmp_path / "map.yaml", OccupancyGrid(np.array([[0]]), 0.1, SE2.identity()))
     np.testing.assert_array_equal(read_map(tmp_path / "map.yaml").cells, old.cells)
@@ -325,7 +325,7 @@ def test_map_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
 
 def test_image_is_written_before_the_file_that_names_it(tmp_path, monkeypatch):
     names = []
-    monkeypatch.setattr("slam.map_files._write_whole", lambda path, _: names.append(path.name))
+    monkeypatch.setattr("slam.map_files.write_whole", lambda path, _: names.append(path.name))
     write_map(tmp_path / "map.yaml", OccupancyGrid(np.array([[0]]), 0.1, SE2.identity()), "scale")
     assert names == ["map.png", "map.yaml"]
 
