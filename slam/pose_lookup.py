@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam.arrays import FloatArray, IntArray, frozen_array
+from slam.arrays import FloatArray, IntArray
 from slam.pose_arrays import between, composed
 from slam.se2 import wrap_angle
 from slam.trajectory import Trajectory
@@ -35,12 +35,9 @@ class PoseLookup:
     _poses: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        order = np.argsort(self.trajectory.times_s, kind="stable")
-        times_s = self.trajectory.times_s[order]
-        is_last = np.append(np.diff(times_s) > 0.0, np.ones(min(len(order), 1), dtype=bool))
-        times_s, poses = times_s[is_last], self.trajectory.poses[order[is_last]]
-        object.__setattr__(self, "_times_s", frozen_array(times_s, (None,), "times_s"))
-        object.__setattr__(self, "_poses", frozen_array(poses, (None, 3), "poses"))
+        ordered = self.trajectory.in_order()
+        object.__setattr__(self, "_times_s", ordered.times_s)
+        object.__setattr__(self, "_poses", ordered.poses)
 
     def at(self, times_s: ArrayLike) -> FloatArray:
         """Poses (M, 3) at the times (M,), rows of nan where there is none."""

@@ -41,6 +41,13 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.times_s)
 
+    def in_order(self) -> Trajectory:
+        """The same by increasing stamps; of poses of one stamp the last counts."""
+        order = np.argsort(self.times_s, kind="stable")
+        times_s = self.times_s[order]
+        is_last = np.append(np.diff(times_s) > 0.0, np.ones(min(len(order), 1), dtype=bool))
+        return Trajectory(times_s[is_last], self.poses[order[is_last]])
+
     def at(self, times_s: ArrayLike) -> FloatArray:
         """Poses (M, 3) at the times (M,), straight between neighbours, heading the short way.
 
