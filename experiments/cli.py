@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from experiments.commands import bench, logs, simulated
+from experiments.commands import bench, logs, simulated, trajectories
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -27,6 +27,7 @@ app.command()(simulated.picture)
 app.command()(simulated.calibrate)
 app.command("real-log")(logs.real_log)
 app.command()(logs.localize)
+app.command()(trajectories.evaluate)
 app.add_typer(bench.app, name="bench")
 
 
