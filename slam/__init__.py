@@ -11,7 +11,9 @@ from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
 from slam.lost import Guard, GuardConfig
+from slam.map_consistency import MapVerdict
 from slam.map_files import read_map, write_map
+from slam.mapping import Mapper, MapperConfig, SlamMap
 from slam.matchers import (
     FastMatcher,
     LimitMatcher,
@@ -59,6 +61,9 @@ __all__ = [
     "LineMatcher",
     "Localizer",
     "LocalizerConfig",
+    "MapVerdict",
+    "Mapper",
+    "MapperConfig",
     "MatchStatus",
     "Matcher",
     "Measurement",
@@ -72,6 +77,7 @@ __all__ = [
     "Relocalizer",
     "ScanMatch",
     "SegmentMap",
+    "SlamMap",
     "Status",
     "StopRule",
     "SurfelGrid",

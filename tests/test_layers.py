@@ -33,6 +33,7 @@ ONLY_IN = {
     "experiments/figures/one_trial.py": {"matplotlib"},
     "experiments/figures/over_time.py": {"matplotlib"},
     "experiments/figures/paper_scatter.py": {"matplotlib"},
+    "experiments/figures/slam_map.py": {"matplotlib"},
     "experiments/figures/recorded_log.py": {"matplotlib"},
     "experiments/bench/registration_peers.py": {"scipy", "small_gicp", "kiss_icp"},
 }
@@ -52,7 +53,8 @@ RANKS = (
     | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
     | {"surfels", "map_files", "pose_lookup"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
-    | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"},
+    | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
+    | {"surface_map"},
     {
         "relocalization",
         "hypotheses",
@@ -62,7 +64,9 @@ RANKS = (
         "slip",
         "usual_fit",
         "lost",
+        "front_end",
         "loop_closing",
+        "map_consistency",
         "fusion",
         "consistency",
         "straightening",

@@ -65,6 +65,10 @@ class PoseGraph:
         """(N, 3) poses of the nodes, from which solving starts."""
         return self._poses[: self._node_count].copy()
 
+    def pose(self, node: int) -> SE2:
+        """The pose of one node."""
+        return SE2.from_array(self._poses[: self._node_count][node])
+
     @property
     def is_fixed(self) -> BoolArray:
         """(N,) nodes that solving does not move."""

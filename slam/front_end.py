@@ -1,0 +1,221 @@
+"""The front end of mapping: each scan matched with the surfaces seen last, keyframe by keyframe."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.measurements import Measurement
+from slam.odometry import compose_covariance
+from slam.se2 import SE2
+from slam.straightening import Straightener
+from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
+
+
+class StepStatus(enum.Enum):
+    """How a scan was placed."""
+
+    MATCHED = "matched"
+    SEARCHED = "searched"  # not where the wheels led, but found near by
+    CARRIED = "carried"  # by the wheels alone: the scan tells nothing
+    BROKEN = "broken"  # nothing near by explains the scan: a new submap begins
+
+
+@dataclass(frozen=True)
+class FrontEndConfig:
+    """How a `FrontEnd` places scans.
+
+    window: keyframes that the surfaces are learnt from. keyframe_m, keyframe_rad: motion after
+    which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
+    itself.
+    good_inlier_ratio: below it, the scan is looked for where the wheels count less, by trust of
+    their normalised innovation squared, and all around, within reach_m and reach_rad.
+    least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
+    pose found around must be better. break_sigma: (m, m, rad) by which the wheels may be wrong
+    where the scans broke off. min_points: fewer tell nothing. range_max_m: farther ends of beams are left
+    out. Chosen, all of these.
+    """
+
+    surfaces: SurfaceMapConfig = field(default_factory=SurfaceMapConfig)
+    window: int = 25
+    keyframe_m: float = 0.25
+    keyframe_rad: float = math.radians(12.0)
+    step_sigma: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    good_inlier_ratio: float = 0.85
+    trust: float = 20.0
+    reach_m: float = 0.8
+    reach_rad: float = math.radians(50.0)
+    least_inlier_ratio: float = 0.65
+    least_seen_ratio: float = 0.3
+    better: float = 0.03
+    break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
+    min_points: int = 20
+    range_max_m: float = 40.0
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A scan that the map is made of.
+
+    T_map_base: where the front end placed it. T_before: its pose as seen from the keyframe before
+    (identity for the first), covariance: (3, 3) of that. points: (N, 2) [m], base frame; beams: the
+    scan itself. is_break: the scans broke off before it.
+    """
+
+    time_s: float
+    T_map_base: SE2
+    T_before: SE2
+    covariance: FloatArray
+    points: FloatArray
+    beams: Beams
+    is_break: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FrontEndStep:
+    """Where a scan was placed: as seen from the keyframe of that index (-1: the map's origin,
+    before there is any); and how well it fits."""
+
+    time_s: float
+    keyframe: int
+    T_keyframe_base: SE2
+    T_map_base: SE2
+    status: StepStatus
+    inlier_ratio: float
+    is_keyframe: bool
+
+
+class FrontEnd:
+    """Follows the robot through an unknown place, and picks the keyframes."""
+
+    def __init__(self, T_base_laser: SE2, config: FrontEndConfig | None = None) -> None:
+        self.config = config or FrontEndConfig()
+        self.keyframes: list[Keyframe] = []
+        self.T_map_base = SE2.identity()
+        self._surfaces = SurfaceMap(self.config.surfaces)
+        self._window: deque[FloatArray] = deque()
+        self._straightener = Straightener(T_base_laser)
+        self._P: FloatArray = np.zeros((3, 3))
+        self._last_ranges: FloatArray | None = None
+
+    def update(self, measurement: Measurement) -> FrontEndStep:
+        """Places one scan."""
+        beams = self._beams(measurement)
+        points = self._points(beams)
+        T_last = self.T_map_base
+        T_predicted = T_last @ measurement.motion
+        spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
+        self._P = compose_covariance(self._P, measurement.motion, spread)
+        match, status = self._placed(measurement, points, T_last, T_predicted)
+        self.T_map_base = T_predicted
+        inlier_ratio = 0.0
+        if match is not None:
+            self.T_map_base, self._P, inlier_ratio = (
+                match.T_map_base, match.covariance, match.inlier_ratio
+            )  # fmt: skip
+        elif status is StepStatus.BROKEN:
+            self._P = self._P + np.diag(np.square(self.config.break_sigma))
+        is_new = self._is_new(status, points)
+        if is_new:
+            self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
+        T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
+        return FrontEndStep(
+            measurement.time_s, len(self.keyframes) - 1,
+            T_keyframe.inverse() @ self.T_map_base, self.T_map_base, status, inlier_ratio, is_new,
+        )  # fmt: skip
+
+    def _beams(self, measurement: Measurement) -> Beams:
+        straightener, scan = self._straightener, measurement.scan
+        duration_s = straightener.duration_s(measurement.time_s, measurement.motion)
+        straightener.take_motion(
+            measurement.time_s, scan.beam_times_s, measurement.motion, duration_s
+        )
+        return straightener.beams(scan)
+
+    def _points(self, beams: Beams) -> FloatArray:
+        points = beams.points
+        return points[np.hypot(*(points - beams.middle_m).T) < self.config.range_max_m]
+
+    def _placed(
+        self, measurement: Measurement, points: FloatArray, T_last: SE2, T_predicted: SE2
+    ) -> tuple[SurfaceMatch | None, StepStatus]:
+        """The match of a scan to be believed, if there is one."""
+        config, ranges_m = self.config, measurement.scan.ranges_m
+        is_frozen = self._last_ranges is not None and np.array_equal(
+            ranges_m, self._last_ranges, equal_nan=True
+        )
+        self._last_ranges = ranges_m
+        if len(points) < config.min_points or is_frozen or not self._window:
+            return None, StepStatus.CARRIED
+        odometry = np.asarray(np.linalg.inv(self._P), dtype=np.float64)
+        match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
+        innovation = (T_predicted.inverse() @ match.T_map_base).log()
+        if innovation @ odometry @ innovation > config.trust:
+            # walls seen for the first time may draw a scan along those known
+            held = self._surfaces.match(
+                points, T_predicted, T_predicted, odometry, pull=config.surfaces.share
+            )
+            if held.cost < match.cost + config.better:
+                match = held
+        if match.inlier_ratio >= config.good_inlier_ratio:
+            return match, StepStatus.MATCHED
+        status = StepStatus.MATCHED
+        best = self._around(points, T_last, T_predicted, odometry)
+        if best.cost < match.cost - config.better:
+            match, status = best, StepStatus.SEARCHED
+        if (
+            match.inlier_ratio < config.least_inlier_ratio
+            or match.seen_ratio < config.least_seen_ratio
+        ):
+            return None, StepStatus.BROKEN
+        return match, status
+
+    def _around(
+        self, points: FloatArray, T_last: SE2, T_predicted: SE2, odometry: FloatArray
+    ) -> SurfaceMatch:
+        """The best match from where the robot was last and from all around where it may be."""
+        config = self.config
+        found = [self._surfaces.match(points, T_predicted, T_predicted, odometry, config.trust)]
+        starts = [T_last]
+        for middle in (T_last, T_predicted):
+            starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
+        # wheels that are that far off tell little of where along a wall the robot is
+        loose = 0.01 * odometry
+        found += [self._surfaces.match(points, start, T_predicted, loose) for start in starts]
+        return min(found, key=lambda match: match.cost)
+
+    def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
+        if len(points) < self.config.min_points:
+            return False
+        if not self.keyframes or status is StepStatus.BROKEN:
+            return True
+        if status is StepStatus.CARRIED:
+            return False
+        return not self.keyframes[-1].T_map_base.is_near(
+            self.T_map_base, self.config.keyframe_m, self.config.keyframe_rad
+        )
+
+    def _take(self, time_s: float, points: FloatArray, beams: Beams, is_break: bool) -> None:
+        """Makes the scan a keyframe: its points join the surfaces, the oldest ones leave them."""
+        T_map_base = self.T_map_base
+        before = self.keyframes[-1].T_map_base if self.keyframes else T_map_base
+        self.keyframes.append(
+            Keyframe(
+                time_s, T_map_base, before.inverse() @ T_map_base, self._P, points, beams, is_break
+            )
+        )
+        self._P = np.zeros((3, 3))
+        if is_break:
+            while self._window:
+                self._surfaces.remove(self._window.popleft())
+        points_map = T_map_base @ points
+        self._surfaces.add(points_map)
+        self._window.append(points_map)
+        if len(self._window) > self.config.window:
+            self._surfaces.remove(self._window.popleft())

@@ -1,0 +1,233 @@
+"""Surfaces learnt from points, in cells of several sizes on a torus; a scan matched with them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.arrays import BoolArray, FloatArray
+from slam.kernels import compiled
+
+SIDE = 1024
+"""Cells along each side of the torus; what lies farther apart than that shares a cell, by turns."""
+_MASK = SIDE - 1
+_LEAST_POINTS = 4.0
+"""Chosen: fewer points make no surface; three lie on a line by chance."""
+_LEAST_LENGTH = 0.15
+"""Of a cell's side: shorter than that along its longer axis, a cluster has no direction."""
+_KERNEL = 6.0
+"""Of a point's variance: so far off it counts a quarter."""
+_FITS = 9.0
+"""Squared residual, in variances, of a point that fits: three sigmas."""
+
+# what `surfels` holds of a cell: unit normal, offset along it [m], variance across [m2], count of
+# the points, and the cell that it was made for
+NORMAL_X, NORMAL_Y, OFFSET, VARIANCE, COUNT, CELL_X, CELL_Y = 0, 1, 2, 3, 4, 5, 6
+# what `stats` holds of a match
+SEEN, FITTING, COST, STEPS, ODOMETRY_WEIGHT = 0, 1, 2, 3, 4
+
+
+@compiled
+def put(
+    sums: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    is_due: BoolArray,
+    points: FloatArray,
+    sign: float,
+    cell_m: float,
+) -> None:
+    """Adds points (N, 2) [m], map frame, to the cells that they lie in; sign -1 takes them out.
+
+    sums: (SIDE, SIDE, 6) count, x, y, xx, xy, yy from the cell's middle. owners: (SIDE, SIDE, 2)
+    which cell of the plane it stands for. is_due: (SIDE, SIDE) whose surfel has to be made anew.
+    """
+    for i in range(points.shape[0]):
+        column, row = math.floor(points[i, 0] / cell_m), math.floor(points[i, 1] / cell_m)
+        a, b = column & _MASK, row & _MASK
+        if owners[a, b, 0] != column or owners[a, b, 1] != row:
+            if sign < 0.0:
+                continue  # another cell of the plane has taken the place since
+            owners[a, b, 0], owners[a, b, 1] = column, row
+            sums[a, b] = 0.0
+        x = points[i, 0] - (column + 0.5) * cell_m
+        y = points[i, 1] - (row + 0.5) * cell_m
+        sums[a, b, 0] += sign
+        sums[a, b, 1] += sign * x
+        sums[a, b, 2] += sign * y
+        sums[a, b, 3] += sign * x * x
+        sums[a, b, 4] += sign * x * y
+        sums[a, b, 5] += sign * y * y
+        for u in range(-1, 2):
+            for v in range(-1, 2):
+                is_due[(a + u) & _MASK, (b + v) & _MASK] = True
+
+
+@compiled
+def _make(
+    sums: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    column: int,
+    row: int,
+    cell_m: float,
+    surfel: FloatArray,
+) -> None:
+    """The line through the points of a cell and its neighbours; COUNT 0 where they make none."""
+    surfel[CELL_X], surfel[CELL_Y], surfel[COUNT] = column, row, 0.0
+    n = sx = sy = sxx = sxy = syy = 0.0
+    for u in range(-1, 2):
+        for v in range(-1, 2):
+            a, b = (column + u) & _MASK, (row + v) & _MASK
+            if owners[a, b, 0] != column + u or owners[a, b, 1] != row + v or sums[a, b, 0] < 0.5:
+                continue
+            m, x, y = sums[a, b, 0], u * cell_m, v * cell_m
+            n += m
+            sx += sums[a, b, 1] + m * x
+            sy += sums[a, b, 2] + m * y
+            sxx += sums[a, b, 3] + 2.0 * x * sums[a, b, 1] + m * x * x
+            sxy += sums[a, b, 4] + x * sums[a, b, 2] + y * sums[a, b, 1] + m * x * y
+            syy += sums[a, b, 5] + 2.0 * y * sums[a, b, 2] + m * y * y
+    if n < _LEAST_POINTS:
+        return
+    mean_x, mean_y = sx / n, sy / n
+    cxx, cxy, cyy = sxx / n - mean_x**2, sxy / n - mean_x * mean_y, syy / n - mean_y**2
+    half = 0.5 * (cxx + cyy)
+    apart = math.sqrt(0.25 * (cxx - cyy) ** 2 + cxy * cxy)
+    if half + apart < (_LEAST_LENGTH * cell_m) ** 2:
+        return
+    along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+    surfel[NORMAL_X], surfel[NORMAL_Y] = -math.sin(along), math.cos(along)
+    x, y = mean_x + (column + 0.5) * cell_m, mean_y + (row + 0.5) * cell_m
+    surfel[OFFSET] = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y
+    surfel[VARIANCE] = max(half - apart, 0.0)
+    surfel[COUNT] = n
+
+
+@compiled
+def align(
+    sums: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    is_due: BoolArray,
+    surfels: FloatArray,
+    cells_m: FloatArray,
+    points: FloatArray,
+    variance: float,
+    share_counted: float,
+    finest: NDArray[np.int64],
+    scales_m: FloatArray,
+    predicted: FloatArray,
+    odometry: FloatArray,
+    trust: float,
+    max_steps: int,
+    pose: FloatArray,
+    information: FloatArray,
+    stats: FloatArray,
+) -> None:
+    """Gauss-Newton of points (N, 2), base frame, on the surfaces, with the odometry beside them.
+
+    sums, owners, is_due, surfels: (L, SIDE, SIDE, ...) of cells of cells_m (L,), coarse to fine.
+    variance: of a point across its surface [m2]; share_counted: of what points tell. finest: (S,)
+    the finest level that stage looks at; a point takes the finest that has a surface. scales_m:
+    (S,) residual, beside the noise, at which a point counts a quarter (Geman and McClure, 1987).
+    predicted: (3,), odometry: (3, 3) information
+    of the pose there; trust: its normalised innovation squared at which it counts a quarter.
+    pose: (3,) start and result. information: (3, 3) of the scan alone. stats: (5,) results.
+    """
+    pull, both, step = np.empty(3), np.empty((3, 3)), np.empty(3)
+    error, steps = np.empty(3), 0
+    for stage in range(scales_m.shape[0]):
+        scale = scales_m[stage] ** 2
+        for _ in range(max_steps):
+            c, s = math.cos(pose[2]), math.sin(pose[2])
+            information[:], pull[:] = 0.0, 0.0
+            seen = fitting = cost = 0.0
+            for i in range(points.shape[0]):
+                px, py = points[i, 0], points[i, 1]
+                x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+                level = finest[stage]
+                while level >= 0:
+                    column = math.floor(x / cells_m[level])
+                    row = math.floor(y / cells_m[level])
+                    a, b = column & _MASK, row & _MASK
+                    surfel = surfels[level, a, b]
+                    if is_due[level, a, b] or surfel[CELL_X] != column or surfel[CELL_Y] != row:
+                        _make(sums[level], owners[level], column, row, cells_m[level], surfel)
+                        is_due[level, a, b] = False
+                    if surfel[COUNT] > 0.0:
+                        break
+                    level -= 1
+                if level < 0:
+                    continue
+                surfel = surfels[level, column & _MASK, row & _MASK]
+                seen += 1.0
+                residual = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y - surfel[OFFSET]
+                wide = variance + surfel[VARIANCE]
+                limit = scale + _KERNEL * wide
+                share = limit / (limit + residual * residual)
+                weight = share * share / wide
+                fitting += residual * residual < _FITS * (wide + variance)
+                cost += 1.0 - share
+                nx = c * surfel[NORMAL_X] + s * surfel[NORMAL_Y]
+                ny = c * surfel[NORMAL_Y] - s * surfel[NORMAL_X]
+                nt = px * ny - py * nx
+                information[0, 0] += weight * nx * nx
+                information[0, 1] += weight * nx * ny
+                information[0, 2] += weight * nx * nt
+                information[1, 1] += weight * ny * ny
+                information[1, 2] += weight * ny * nt
+                information[2, 2] += weight * nt * nt
+                pull[0] -= weight * nx * residual
+                pull[1] -= weight * ny * residual
+                pull[2] -= weight * nt * residual
+            information[1, 0], information[2, 0] = information[0, 1], information[0, 2]
+            information[2, 1] = information[1, 2]
+            east, north = predicted[0] - pose[0], predicted[1] - pose[1]
+            error[0], error[1] = c * east + s * north, c * north - s * east
+            turn = predicted[2] - pose[2]
+            error[2] = turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+            squared = error @ (odometry @ error)
+            # wheels slip, and odometry that stood still catches up at once
+            trusted = trust / (trust + squared)
+            trusted *= trusted
+            both[:] = share_counted * information + trusted * odometry
+            pull[:] = share_counted * pull + trusted * (odometry @ error)
+            step[:] = np.linalg.solve(both, pull)
+            pose[0] += c * step[0] - s * step[1]
+            pose[1] += s * step[0] + c * step[1]
+            pose[2] += step[2]
+            steps += 1
+            if abs(step[0]) + abs(step[1]) < 1e-3 and abs(step[2]) < 5e-4:
+                break
+    stats[SEEN], stats[FITTING], stats[COST] = seen, fitting, cost
+    stats[STEPS], stats[ODOMETRY_WEIGHT] = steps, trusted
+
+
+@compiled
+def count_on_walls(
+    sums: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    cell_m: float,
+    points: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    headings: FloatArray,
+    counts: NDArray[np.int32],
+) -> None:
+    """Into counts (H, X, Y): how many points (N, 2), base frame, fall into cells that have some.
+
+    x: (X,), y: (Y,) [m], headings: (H,) [rad] of the poses looked at.
+    """
+    for k in range(headings.shape[0]):
+        c, s = math.cos(headings[k]), math.sin(headings[k])
+        for u in range(x.shape[0]):
+            for v in range(y.shape[0]):
+                count = 0
+                for i in range(points.shape[0]):
+                    px, py = points[i, 0], points[i, 1]
+                    column = math.floor((x[u] + c * px - s * py) / cell_m)
+                    row = math.floor((y[v] + s * px + c * py) / cell_m)
+                    a, b = column & _MASK, row & _MASK
+                    is_own = owners[a, b, 0] == column and owners[a, b, 1] == row
+                    count += is_own and sums[a, b, 0] > 0.5
+                counts[k, u, v] = count

@@ -1,0 +1,60 @@
+"""What one scan says of another's points: in view and met, in view and missed, or beyond it."""
+
+from __future__ import annotations
+
+import math
+
+from slam.arrays import FloatArray
+from slam.kernels import compiled
+
+
+@compiled
+def contradictions(
+    points: FloatArray,
+    pose: FloatArray,
+    origin: FloatArray,
+    angles: FloatArray,
+    ranges: FloatArray,
+    margin_m: float,
+    margin_share: float,
+) -> tuple[int, int, int]:
+    """Of points (N, 2) with their frame at a pose (3,), seen from an origin (2,): how many lie within
+    the fan of a scan, how many where its beams went through, and how many where they ended.
+
+    angles: (B,) increasing, ranges: (B,) of the scan's beams, +inf where nothing was met: that says
+    nothing. A point is passed if the beams to either side of it also end farther by the margin.
+    """
+    seen = passed = met = 0
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = angles.shape[0]
+    for i in range(points.shape[0]):
+        x = pose[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
+        bearing, distance = math.atan2(y, x), math.sqrt(x * x + y * y)
+        while bearing < angles[0]:
+            bearing += 2.0 * math.pi
+        while bearing >= angles[0] + 2.0 * math.pi:
+            bearing -= 2.0 * math.pi
+        low, high = 0, count - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if angles[middle] <= bearing:
+                low = middle
+            else:
+                high = middle
+        if bearing > angles[count - 1] or low < 1 or low + 2 >= count:
+            continue
+        nearest = math.inf
+        for k in range(low - 1, low + 3):
+            # nan, or too close: nothing is known there
+            nearest = min(nearest, ranges[k]) if ranges[k] > 0.0 else -math.inf
+        if not math.isfinite(nearest):
+            continue
+        seen += 1
+        margin = margin_m + margin_share * distance
+        passed += distance < nearest - margin
+        ended = (
+            ranges[low] if bearing - angles[low] < angles[low + 1] - bearing else ranges[low + 1]
+        )
+        met += abs(distance - ended) < margin
+    return seen, passed, met

@@ -1,0 +1,205 @@
+"""Loops: keyframes that see again what others saw before, proposed by pose, verified by scans."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slam.arrays import FloatArray
+from slam.front_end import Keyframe
+from slam.kernels.visibility import contradictions
+from slam.se2 import SE2, wrap_angle
+from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """How loops are proposed and verified.
+
+    radius_m: how far a keyframe may seem from one that it sees again, beside its uncertainty.
+    least_way_m: of the robot between the two. every: which keyframes are asked. most: submaps that
+    each is compared with; apart: keyframes between two of them. half: keyframes to either side that
+    make a submap. search_m, search_rad: around the pose told, beside its uncertainty; max_search_m:
+    at most. least_seen_ratio, least_inlier_ratio: of a verified match. most_passed: share of the
+    points in view that the other's beams went through. least_held: information along the weakest
+    direction, of that along the strongest. sigma: (m, m, rad) beside what the match says of itself.
+    Chosen, all of these.
+    """
+
+    radius_m: float = 4.0
+    least_way_m: float = 6.0
+    every: int = 2
+    most: int = 3
+    apart: int = 20
+    half: int = 8
+    search_m: float = 0.6
+    search_rad: float = math.radians(12.0)
+    max_search_m: float = 4.0
+    least_seen_ratio: float = 0.6
+    least_inlier_ratio: float = 0.85
+    most_passed: float = 0.06
+    margin_m: float = 0.15
+    margin_share: float = 0.02
+    least_held: float = 0.02
+    sigma: tuple[float, float, float] = (0.01, 0.01, 0.003)
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Keyframe `later` as seen from keyframe `earlier`, and the (3, 3) information of that."""
+
+    earlier: int
+    later: int
+    T_earlier_later: SE2
+    information: FloatArray
+    inlier_ratio: float
+    passed_ratio: float
+
+
+class LoopCloser:
+    """Proposes and verifies loops among keyframes."""
+
+    def __init__(
+        self, config: LoopConfig | None = None, surfaces: SurfaceMapConfig | None = None
+    ) -> None:
+        self.config = config or LoopConfig()
+        self._surfaces = SurfaceMap(surfaces)
+        self.tried = 0
+
+    def found(
+        self,
+        keyframes: Sequence[Keyframe],
+        poses: FloatArray,
+        sigmas: FloatArray | None = None,
+        asked: Sequence[int] | None = None,
+    ) -> list[Loop]:
+        """The verified loops among keyframes at poses (K, 3).
+
+        sigmas: (K, 2) how uncertain each pose is as seen from the others [m], [rad]; None: not.
+        asked: which keyframes are compared with all before them; None: every second.
+        """
+        if sigmas is None:
+            sigmas = np.zeros((len(keyframes), 2))
+        asked = range(0, len(keyframes), self.config.every) if asked is None else asked
+        loops = []
+        for later, earlier in self.proposed(poses, sigmas, asked):
+            self.tried += 1
+            loop = self.verified(keyframes, poses, earlier, later, sigmas[later])
+            if loop is not None:
+                loops.append(loop)
+        return loops
+
+    def proposed(
+        self, poses: FloatArray, sigmas: FloatArray, asked: Sequence[int]
+    ) -> list[tuple[int, int]]:
+        """Pairs (later, earlier) of keyframes that may have seen the same place."""
+        config = self.config
+        ways_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
+        tree = cKDTree(poses[:, :2])
+        pairs = []
+        for later in asked:
+            radius_m = config.radius_m + min(2.0 * sigmas[later, 0], config.max_search_m)
+            near = np.array(tree.query_ball_point(poses[later, :2], radius_m), dtype=np.int64)
+            near = near[(near < later) & (way_m[later] - way_m[near] > config.least_way_m)]
+            if not len(near):
+                continue
+            off_m = np.hypot(*(poses[near, :2] - poses[later, :2]).T)
+            turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
+            chosen: list[int] = []
+            for earlier in near[np.argsort(off_m + 0.5 * turned_rad, kind="stable")].tolist():
+                if all(abs(earlier - other) > config.apart for other in chosen):
+                    chosen.append(earlier)
+                if len(chosen) == config.most:
+                    break
+            pairs += [(later, earlier) for earlier in chosen]
+        return pairs
+
+    def verified(
+        self,
+        keyframes: Sequence[Keyframe],
+        poses: FloatArray,
+        earlier: int,
+        later: int,
+        sigma: FloatArray,
+    ) -> Loop | None:
+        """The loop between two keyframes, if their scans agree that there is one."""
+        members = self._members(keyframes, earlier)
+        clouds = [SE2.from_array(poses[k]) @ keyframes[k].points for k in members]
+        for cloud in clouds:
+            self._surfaces.add(cloud)
+        match = self._matched(keyframes[later], SE2.from_array(poses[later]), sigma)
+        for cloud in clouds:
+            self._surfaces.remove(cloud)
+        config = self.config
+        if (
+            match.seen_ratio < config.least_seen_ratio
+            or match.inlier_ratio < config.least_inlier_ratio
+            or self._held(match) < config.least_held
+        ):
+            return None
+        passed_ratio = self._passed(keyframes, poses, members, later, match.T_map_base)
+        if passed_ratio > config.most_passed:
+            return None
+        T_earlier_later = SE2.from_array(poses[earlier]).inverse() @ match.T_map_base
+        covariance = np.linalg.inv(match.information) + np.diag(np.square(config.sigma))
+        return Loop(
+            earlier, later, T_earlier_later, np.asarray(np.linalg.inv(covariance)),
+            match.inlier_ratio, passed_ratio,
+        )  # fmt: skip
+
+    def _members(self, keyframes: Sequence[Keyframe], middle: int) -> list[int]:
+        """The keyframes around one, none beyond a place where the scans broke off."""
+        first, last = middle, middle
+        while first > max(0, middle - self.config.half) and not keyframes[first].is_break:
+            first -= 1
+        while last < min(len(keyframes) - 1, middle + self.config.half) and not (
+            keyframes[last + 1].is_break
+        ):
+            last += 1
+        return list(range(first, last + 1))
+
+    def _matched(self, keyframe: Keyframe, T_told: SE2, sigma: FloatArray) -> SurfaceMatch:
+        config, points = self.config, keyframe.points
+        reach_m = config.search_m + min(2.0 * sigma[0], config.max_search_m)
+        reach_rad = config.search_rad + min(2.0 * sigma[1], math.pi)
+        starts = [T_told, *self._surfaces.searched(points, T_told, reach_m, reach_rad)]
+        nothing = np.zeros((3, 3))
+        matches = [self._surfaces.match(points, start, start, nothing) for start in starts]
+        return min(matches, key=lambda match: match.cost)
+
+    def _held(self, match: SurfaceMatch) -> float:
+        """Information of the weakest direction of the position, of that of the strongest."""
+        known = match.information
+        if known[2, 2] <= 0.0:
+            return 0.0
+        left = known[:2, :2] - np.outer(known[:2, 2], known[:2, 2]) / known[2, 2]
+        weakest, strongest = np.linalg.eigvalsh(left)
+        return float(weakest / strongest) if strongest > 0.0 else 0.0
+
+    def _passed(
+        self,
+        keyframes: Sequence[Keyframe],
+        poses: FloatArray,
+        members: Sequence[int],
+        later: int,
+        T_later: SE2,
+    ) -> float:
+        """Share of the points in view, to and fro, that the other's beams went through."""
+        seen = passed = 0
+        for k in members[::4]:
+            there = SE2.from_array(poses[k]).inverse() @ T_later
+            for points, of, pose in (
+                (keyframes[later].points, keyframes[k].beams, there),
+                (keyframes[k].points, keyframes[later].beams, there.inverse()),
+            ):
+                counts = contradictions(
+                    points, pose.as_array(), of.middle_m, of.angles_rad, of.ranges_m,
+                    self.config.margin_m, self.config.margin_share,
+                )  # fmt: skip
+                seen, passed = seen + counts[0], passed + counts[1]
+        return passed / max(seen, 1)

@@ -1,0 +1,124 @@
+"""Whether a map holds together: what its scans say against one another, and where it is torn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slam.arrays import FloatArray
+from slam.front_end import Keyframe
+from slam.kernels.visibility import contradictions
+from slam.loop_closing import Loop
+from slam.se2 import SE2
+
+
+@dataclass(frozen=True)
+class ConsistencyConfig:
+    """When a map is called failed.
+
+    radius_m: keyframes so near to one another should agree; apart: unless so few lie between them.
+    most_pairs: looked at. most_passed: share of the points in view, over all pairs, that another
+    scan's beams went through. bad_pair: a pair in which so many were, most_bad_pairs: share of such
+    pairs. most_rejected: share of the loops that the others contradict. Chosen on maps of four
+    buildings and on the same maps with errors put in.
+    """
+
+    radius_m: float = 3.0
+    apart: int = 10
+    most_pairs: int = 1500
+    most_passed: float = 0.06
+    bad_pair: float = 0.25
+    most_bad_pairs: float = 0.02
+    most_rejected: float = 0.35
+    margin_m: float = 0.25
+    margin_share: float = 0.03
+
+
+@dataclass(frozen=True)
+class MapVerdict:
+    """Whether a map is to be used. passed_ratio, bad_pairs: what its scans say against it; pairs:
+    how many could be asked. reasons: in words, why not."""
+
+    is_good: bool
+    passed_ratio: float
+    bad_pairs: float
+    pairs: int
+    reasons: tuple[str, ...] = ()
+
+
+def judged(
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    loops: Sequence[Loop],
+    rejected: Sequence[Loop],
+    config: ConsistencyConfig | None = None,
+) -> MapVerdict:
+    """The verdict on a map of keyframes at poses (K, 3), with the loops that were kept and not."""
+    config = config or ConsistencyConfig()
+    passed_ratio, bad_pairs, pairs = _contradicted(keyframes, poses, config)
+    reasons = list(_torn(keyframes, loops))
+    if passed_ratio > config.most_passed:
+        reasons.append(f"{100 * passed_ratio:.0f} % of what scans saw is where others saw nothing")
+    if bad_pairs > config.most_bad_pairs:
+        reasons.append(
+            f"{100 * bad_pairs:.0f} % of {pairs} pairs of scans of one place contradict each other"
+        )
+    count = len(loops) + len(rejected)
+    if count >= 10 and len(rejected) > config.most_rejected * count:
+        reasons.append(f"{len(rejected)} of {count} loops contradict the others")
+    return MapVerdict(not reasons, passed_ratio, bad_pairs, pairs, tuple(reasons))
+
+
+def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> list[str]:
+    """Where the scans broke off, and no loop ties what came after to what was before."""
+    breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
+    if not breaks:
+        return []
+    piece = np.zeros(len(keyframes), dtype=np.int64)
+    for k in breaks:
+        piece[k:] += 1
+    joined = np.arange(len(breaks) + 1)
+    for loop in loops:
+        one, other = joined[piece[loop.earlier]], joined[piece[loop.later]]
+        joined[joined == max(one, other)] = min(one, other)
+    loose = sorted({int(k) for k in joined} - {0})
+    return [
+        f"the scans broke off at {keyframes[breaks[k - 1]].time_s:.2f} s, and nothing ties what"
+        " came after to what was before"
+        for k in loose
+    ]
+
+
+def _contradicted(
+    keyframes: Sequence[Keyframe], poses: FloatArray, config: ConsistencyConfig
+) -> tuple[float, float, int]:
+    """Share of points in view that were passed; share of bad pairs; pairs asked."""
+    if len(keyframes) < 2:
+        return 0.0, 0.0, 0
+    found = cKDTree(poses[:, :2]).query_pairs(config.radius_m, output_type="ndarray")
+    found = found[np.abs(found[:, 1] - found[:, 0]) > config.apart]
+    found = found[np.lexsort((found[:, 1], found[:, 0]))]
+    found = found[:: max(1, math.ceil(len(found) / config.most_pairs))]
+    seen_all = passed_all = bad = asked = 0
+    for one, other in found.tolist():
+        there = SE2.from_array(poses[other]).inverse() @ SE2.from_array(poses[one])
+        seen = passed = 0
+        for points, of, pose in (
+            (keyframes[one].points, keyframes[other].beams, there),
+            (keyframes[other].points, keyframes[one].beams, there.inverse()),
+        ):
+            counts = contradictions(
+                points, pose.as_array(), of.middle_m, of.angles_rad, of.ranges_m,
+                config.margin_m, config.margin_share,
+            )  # fmt: skip
+            seen, passed = seen + counts[0], passed + counts[1]
+        if seen < 20:
+            continue
+        asked += 1
+        bad += passed > config.bad_pair * seen
+        seen_all, passed_all = seen_all + seen, passed_all + passed
+    return passed_all / max(seen_all, 1), bad / max(asked, 1), asked

@@ -1,0 +1,195 @@
+"""Self-localisation and mapping (Fig. 3): scans placed one by one, loops closed, poses adjusted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
+from slam.loop_closing import Loop, LoopCloser, LoopConfig
+from slam.map_consistency import ConsistencyConfig, MapVerdict, judged
+from slam.measurements import Measurement
+from slam.occupancy_grid import OccupancyGrid
+from slam.pose_graph import EdgeKernel, PoseGraph, PoseGraphSolution
+from slam.se2 import SE2
+from slam.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class MapperConfig:
+    """How a `Mapper` works.
+
+    drift_m, drift_rad: by which a pose may be wrong for each metre since the last loop, and
+    start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
+    keyframes after which the poses are adjusted, if there are new loops. step_sigma: (m, m, rad) of
+    the motion between two keyframes beside what the front end says. Chosen, all of these.
+    """
+
+    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
+    loops: LoopConfig = field(default_factory=LoopConfig)
+    consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
+    start_m: float = 0.1
+    drift_m: float = 0.01
+    start_rad: float = 0.02
+    drift_rad: float = 0.002
+    most_drift: tuple[float, float] = (2.5, 0.35)
+    solve_every: int = 25
+    step_sigma: tuple[float, float, float] = (0.003, 0.003, 0.001)
+
+
+@dataclass(frozen=True, eq=False)
+class MapperStep:
+    """One scan, placed: the pose on the map as it is so far, and how it was found."""
+
+    time_s: float
+    T_map_base: SE2
+    status: StepStatus
+    inlier_ratio: float
+    loops: int
+
+
+@dataclass(frozen=True, eq=False)
+class SlamMap:
+    """What a drive has left: keyframes (K) with their poses (K, 3), and the loops among them.
+
+    rejected: loops that the others contradict. graph: steps between keyframes, and loops. steps:
+    every scan, as seen from its keyframe. verdict: whether the map is to be used.
+    """
+
+    keyframes: tuple[Keyframe, ...]
+    poses: FloatArray
+    loops: tuple[Loop, ...]
+    rejected: tuple[Loop, ...]
+    graph: PoseGraph
+    steps: tuple[FrontEndStep, ...]
+    verdict: MapVerdict
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Where each scan was taken, in the order of the log."""
+        poses = [self.pose_of(step).as_array() for step in self.steps]
+        return Trajectory(
+            np.array([step.time_s for step in self.steps]), np.array(poses).reshape(-1, 3)
+        )
+
+    def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
+        """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""
+        scans = [
+            (SE2.from_array(pose), keyframe.beams)
+            for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
+        ]
+        return OccupancyGrid.of_scans(scans, resolution_m)
+
+    @property
+    def points(self) -> FloatArray:
+        """(N, 2) the points of all keyframes [m], map frame: the point database."""
+        clouds = [
+            SE2.from_array(pose) @ keyframe.points
+            for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
+        ]
+        return np.concatenate(clouds) if clouds else np.zeros((0, 2))
+
+    def pose_of(self, step: FrontEndStep) -> SE2:
+        """Where a scan was taken."""
+        if step.keyframe < 0:
+            return step.T_keyframe_base
+        return SE2.from_array(self.poses[step.keyframe]) @ step.T_keyframe_base
+
+
+class Mapper:
+    """Makes a map of an unknown place from scans and odometry, one scan at a time."""
+
+    def __init__(self, T_base_laser: SE2, config: MapperConfig | None = None) -> None:
+        self.config = config or MapperConfig()
+        self._front_end = FrontEnd(T_base_laser, self.config.front_end)
+        self._closer = LoopCloser(self.config.loops, self.config.front_end.surfaces)
+        self._graph = PoseGraph()
+        self._loops: list[Loop] = []
+        self._loop_edges: list[int] = []
+        self._steps: list[FrontEndStep] = []
+        self._has_new = False
+        self._since_loop_m = 0.0
+        self._sigmas: list[tuple[float, float]] = []
+
+    def update(self, measurement: Measurement) -> MapperStep:
+        """Places one scan, and closes the loops that it shows."""
+        step = self._front_end.update(measurement)  # match with what was seen last
+        self._steps.append(step)
+        if step.is_keyframe:
+            self._add_keyframe(self._front_end.keyframes[-1])
+        pose = step.T_map_base
+        if step.keyframe >= 0:
+            pose = self._graph.pose(step.keyframe) @ step.T_keyframe_base
+        return MapperStep(step.time_s, pose, step.status, step.inlier_ratio, len(self._loops))
+
+    def finish(self) -> SlamMap:
+        """All loops once more from where the poses are now, and all poses adjusted to the end."""
+        keyframes = self._front_end.keyframes
+        kept, rejected = self._loops, list[Loop]()
+        if self._loops:
+            self._solve()
+            known = {(loop.earlier, loop.later) for loop in self._loops}
+            found = self._closer.found(keyframes, self._graph.poses)
+            self._take([one for one in found if (one.earlier, one.later) not in known])
+            is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
+            is_rejected[self._solve().rejected_loops()] = True
+            of_loop = is_rejected[self._loop_edges]
+            kept = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if not bad]
+            rejected = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if bad]
+        poses = self._graph.poses
+        verdict = judged(keyframes, poses, kept, rejected, self.config.consistency)
+        return SlamMap(
+            tuple(keyframes), poses, tuple(kept), tuple(rejected), self._graph,
+            tuple(self._steps), verdict,
+        )  # fmt: skip
+
+    def _take(self, loops: list[Loop]) -> None:
+        """Makes loops part of the pose graph."""
+        for loop in loops:
+            self._loop_edges.append(
+                self._graph.add_edge(
+                    loop.earlier, loop.later, loop.T_earlier_later, loop.information,
+                    EdgeKernel.LOOP,
+                )
+            )  # fmt: skip
+        self._loops += loops
+
+    def _add_keyframe(self, keyframe: Keyframe) -> None:
+        """Notes where the keyframe is seen from the last one, and the loops that it closes."""
+        config, index = self.config, self._graph.node_count
+        if index == 0:
+            self._graph.add_node(keyframe.T_map_base)
+        else:
+            self._graph.add_node(self._graph.pose(index - 1) @ keyframe.T_before)
+            own = np.diag(np.square(config.step_sigma))
+            information = np.linalg.inv(keyframe.covariance + own)
+            self._graph.add_edge(index - 1, index, keyframe.T_before, information)
+            self._since_loop_m += math.hypot(keyframe.T_before.x, keyframe.T_before.y)
+        if keyframe.is_break:
+            self._since_loop_m += 100.0
+        self._sigmas.append(
+            (
+                min(config.start_m + config.drift_m * self._since_loop_m, config.most_drift[0]),
+                min(config.start_rad + config.drift_rad * self._since_loop_m, config.most_drift[1]),
+            )
+        )
+        if index % config.loops.every == 0:
+            sigmas = np.array(self._sigmas)
+            found = self._closer.found(
+                self._front_end.keyframes, self._graph.poses, sigmas, [index]
+            )
+            if found:
+                self._take(found)
+                self._since_loop_m, self._has_new = 0.0, True
+        if self._has_new and index % config.solve_every == 0:
+            self._solve()
+            self._has_new = False
+
+    def _solve(self) -> PoseGraphSolution:
+        """Moves the poses to where steps and loops agree best."""
+        solution = self._graph.solve()
+        self._graph.set_poses(solution.poses)
+        return solution

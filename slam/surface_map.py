@@ -1,0 +1,167 @@
+"""A map of the surfaces around the robot, learnt from the points of its last scans as it drives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.arrays import BoolArray, FloatArray
+from slam.kernels import surface_map as kernels
+from slam.se2 import SE2
+
+
+@dataclass(frozen=True)
+class SurfaceMapConfig:
+    """How a `SurfaceMap` learns and matches.
+
+    cells_m: sides of its cells, coarse to fine; a surface is what a cell and its neighbours hold.
+    scales_m, finest: stage by stage, the residual [m] at which a point counts a quarter, and the
+    finest cells looked at. sigma_m: of a point across its surface; chosen: noise of the usual laser
+    and what a straight piece leaves of a real wall. share: of a scan's information that counts: its
+    points are on few walls, and their errors go together; pull: the same where pose and odometry
+    are weighed. max_points: of a scan. chosen, both, on four logs and a ring of corridors.
+    """
+
+    cells_m: tuple[float, ...] = (1.2, 0.4, 0.1)
+    scales_m: tuple[float, ...] = (0.3, 0.0)
+    finest: tuple[int, ...] = (1, 2)
+    sigma_m: float = 0.02
+    share: float = 0.05
+    pull: float = 0.4
+    max_points: int = 720
+    max_steps: int = 10
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMatch:
+    """A pose on the map, and how well the scan fits there.
+
+    information: (3, 3) of the scan alone, in the base frame's tangent; joined: (3, 3) with the
+    odometry's, as far as that was trusted. seen_ratio: share of the points where the map has a
+    surface; inlier_ratio: of those, the share that lies on it. cost: mean over all points, 0 for
+    one on a surface, 1 for one that is nowhere near.
+    """
+
+    T_map_base: SE2
+    information: FloatArray
+    joined: FloatArray
+    seen_ratio: float
+    inlier_ratio: float
+    cost: float
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of the pose."""
+        return np.asarray(np.linalg.inv(self.joined))
+
+
+class SurfaceMap:
+    """Surfaces of points that come and go; on a torus of cells, so that it may roll along."""
+
+    def __init__(self, config: SurfaceMapConfig | None = None) -> None:
+        self.config = config or SurfaceMapConfig()
+        levels, side = len(self.config.cells_m), kernels.SIDE
+        # zeros take no memory before they are touched
+        self._sums: NDArray[np.float32] = np.zeros((levels, side, side, 6), np.float32)
+        self._owners: NDArray[np.int32] = np.zeros((levels, side, side, 2), np.int32)
+        self._is_due: BoolArray = np.zeros((levels, side, side), np.bool_)
+        self._surfels: FloatArray = np.zeros((levels, side, side, 7))
+        self._cells_m = np.array(self.config.cells_m)
+
+    @property
+    def reach_m(self) -> float:
+        """Points farther apart than twice that must not be in the map at once."""
+        return kernels.SIDE * self.config.cells_m[-1] / 2.0
+
+    def add(self, points_map: FloatArray) -> None:
+        """Takes up points (N, 2) [m], map frame."""
+        self._put(points_map, 1.0)
+
+    def remove(self, points_map: FloatArray) -> None:
+        """Takes out points (N, 2) that were added before."""
+        self._put(points_map, -1.0)
+
+    def match(
+        self,
+        points_base: FloatArray,
+        T_start: SE2,
+        T_predicted: SE2,
+        odometry: FloatArray,
+        trust: float = math.inf,
+        pull: float | None = None,
+    ) -> SurfaceMatch:
+        """The pose near T_start at which points (N, 2) lie on the surfaces and odometry agrees.
+
+        odometry: (3, 3) information of T_predicted; zeros where nothing is known. trust: normalised
+        innovation squared at which it counts a quarter, and ever less beyond. pull: None: as
+        configured.
+        """
+        config, points = self.config, self.thinned(points_base)
+        pose, information, stats = T_start.as_array(), np.zeros((3, 3)), np.zeros(5)
+        # such that a direction which nothing holds stays where it is
+        held = odometry + 1e-6 * np.eye(3)
+        kernels.align(
+            self._sums, self._owners, self._is_due, self._surfels, self._cells_m, points,
+            config.sigma_m**2, config.pull if pull is None else pull, np.array(config.finest),
+            np.array(config.scales_m), T_predicted.as_array(), held, min(trust, 1e12),
+            config.max_steps, pose, information, stats,
+        )  # fmt: skip
+        seen, count = stats[kernels.SEEN], max(len(points), 1)
+        information *= config.share
+        return SurfaceMatch(
+            SE2.from_array(pose), information,
+            information + stats[kernels.ODOMETRY_WEIGHT] * held,
+            seen / count, stats[kernels.FITTING] / max(seen, 1.0),
+            (stats[kernels.COST] + len(points) - seen) / count,
+        )  # fmt: skip
+
+    def searched(
+        self,
+        points_base: FloatArray,
+        T_middle: SE2,
+        reach_m: float,
+        reach_rad: float,
+        level: int = 1,
+    ) -> list[SE2]:
+        """The poses around T_middle at which most points fall on what is known, best first.
+
+        Every half cell of a level and 2 degrees; at most three, none beside a better one
+        (correlative scan matching: Olson, ICRA 2009).
+        """
+        cell_m = self.config.cells_m[level]
+        points = self.thinned(points_base, 80)
+        steps = np.arange(-math.ceil(2.0 * reach_m / cell_m), math.ceil(2.0 * reach_m / cell_m) + 1)
+        x = np.asarray(T_middle.x + steps * cell_m / 2.0, dtype=np.float64)
+        y = np.asarray(T_middle.y + steps * cell_m / 2.0, dtype=np.float64)
+        turns = np.radians(2.0) * np.arange(
+            -math.ceil(reach_rad / np.radians(2.0)), math.ceil(reach_rad / np.radians(2.0)) + 1
+        )
+        counts = np.zeros((len(turns), len(x), len(y)), np.int32)
+        kernels.count_on_walls(
+            self._sums[level], self._owners[level], cell_m, points, x, y, T_middle.theta + turns,
+            counts,
+        )  # fmt: skip
+        found: list[SE2] = []
+        for flat in np.argsort(-counts, axis=None, kind="stable")[:200]:
+            k, u, v = np.unravel_index(flat, counts.shape)
+            pose = SE2(float(x[u]), float(y[v]), T_middle.theta + float(turns[k]))
+            if not any(pose.is_near(other, 1.5 * cell_m, np.radians(8.0)) for other in found):
+                found.append(pose)
+            if len(found) == 3:
+                break
+        return found
+
+    def thinned(self, points: FloatArray, most: int | None = None) -> FloatArray:
+        """At most so many of points (N, 2), evenly in their order."""
+        most = self.config.max_points if most is None else most
+        return np.ascontiguousarray(points[:: max(1, -(-len(points) // most))])
+
+    def _put(self, points_map: FloatArray, sign: float) -> None:
+        points = self.thinned(points_map)
+        for level, cell_m in enumerate(self.config.cells_m):
+            kernels.put(
+                self._sums[level], self._owners[level], self._is_due[level], points, sign, cell_m
+            )

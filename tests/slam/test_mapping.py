@@ -1,0 +1,117 @@
+"""Mapping a ring of corridors: the loop is closed, and what went wrong is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.front_end import StepStatus
+from slam.mapping import Mapper, SlamMap
+from slam.metrics import absolute_errors
+from slam.se2 import SE2
+from tests.slam import ring
+
+
+def mapped(measurements) -> SlamMap:
+    mapper = Mapper(ring.T_BASE_LASER)
+    for measurement in measurements:
+        mapper.update(measurement)
+    return mapper.finish()
+
+
+def ate_m(slam_map: SlamMap, poses: list[SE2]) -> float:
+    true = np.array([pose.as_array() for pose in poses])
+    return float(absolute_errors(slam_map.trajectory.poses, true).position_m.rmse)
+
+
+@pytest.fixture(scope="module")
+def poses() -> list[SE2]:
+    return ring.way(1.3)
+
+
+@pytest.fixture(scope="module")
+def slam_map(poses) -> SlamMap:
+    return mapped(ring.drive(poses, np.random.default_rng(0)))
+
+
+def test_ring_is_closed_where_the_wheels_alone_are_a_metre_off(slam_map, poses):
+    wheels, path = SE2.identity(), []
+    for measurement in ring.drive(poses, np.random.default_rng(0)):
+        wheels = wheels @ measurement.motion
+        path.append(wheels.as_array())
+    true = np.array([pose.as_array() for pose in poses])
+    assert absolute_errors(np.array(path), true).position_m.rmse > 0.7
+    assert ate_m(slam_map, poses) < 0.05
+    assert len(slam_map.loops) > 5
+    assert slam_map.verdict.is_good
+
+
+def test_walls_of_the_map_lie_on_the_walls(slam_map, poses):
+    # the map's frame is that of the first pose
+    points = poses[0] @ slam_map.points
+    starts, ends = ring.RING[:, 0], ring.RING[:, 1]
+    along = ends - starts
+    share = np.einsum("pwi,wi->pw", points[::20, None] - starts, along) / np.sum(along**2, axis=1)
+    nearest = starts + np.clip(share, 0.0, 1.0)[..., None] * along
+    off_m = np.linalg.norm(points[::20, None] - nearest, axis=2).min(axis=1)
+    assert np.quantile(off_m, 0.99) < 0.1
+
+
+def test_equal_drives_give_equal_maps(slam_map, poses):
+    again = mapped(ring.drive(poses, np.random.default_rng(0)))
+    assert np.array_equal(again.poses, slam_map.poses)
+
+
+def test_odometry_that_jumps_by_a_quarter_turn_is_looked_for_and_found(poses):
+    measurements = ring.drive(poses, np.random.default_rng(1))
+    k = len(measurements) // 2
+    jumped = replace(measurements[k], motion=measurements[k].motion @ SE2(0.0, 0.0, np.pi / 2))
+    measurements[k] = jumped
+    found = mapped(measurements)
+    assert found.steps[k].status is StepStatus.SEARCHED
+    assert ate_m(found, poses) < 0.06
+
+
+def test_laser_that_froze_is_carried_by_the_wheels(poses):
+    measurements = ring.drive(poses, np.random.default_rng(2), 1.0, 1.0)
+    frozen = measurements[100].scan
+    for k in range(101, 121):
+        measurements[k] = replace(measurements[k], scan=frozen)
+    found = mapped(measurements)
+    assert all(found.steps[k].status is StepStatus.CARRIED for k in range(101, 121))
+    assert ate_m(found, poses) < 0.06
+
+
+def test_robot_that_is_carried_off_unseen_breaks_the_map_and_it_says_so(poses):
+    # 80 cm and more away nothing of what was seen last is in view; no lap to close it
+    there = 80
+    elsewhere = ring.drive(ring.way(0.95)[220:300], np.random.default_rng(3))
+    elsewhere[0] = replace(elsewhere[0], motion=SE2(0.1, 0.0, 0.0))
+    measurements = ring.drive(poses[:there], np.random.default_rng(4)) + elsewhere
+    timed = [replace(one, time_s=0.2 * k) for k, one in enumerate(measurements)]
+    found = mapped(timed)
+    if found.steps[there].status is StepStatus.BROKEN:
+        assert any("broke off" in reason for reason in found.verdict.reasons)
+    else:
+        assert not found.verdict.is_good
+
+
+def test_map_that_is_bent_is_called_failed(slam_map):
+    from slam.map_consistency import judged
+
+    bent = slam_map.poses.copy()
+    half = len(bent) // 2
+    bent[half:, :2] += [0.8, 0.6]
+    verdict = judged(slam_map.keyframes, bent, (), ())
+    assert not verdict.is_good
+    assert "contradict" in verdict.reasons[-1]
+
+
+def test_drive_without_a_scan_that_tells_anything_has_an_empty_map(poses):
+    measurements = [
+        replace(one, scan=replace(one.scan, ranges_m=np.full_like(one.scan.ranges_m, np.nan)))
+        for one in ring.drive(poses[:10], np.random.default_rng(5))
+    ]
+    found = mapped(measurements)
+    assert found.poses.shape == (0, 3)
+    assert len(found.trajectory) == 10
