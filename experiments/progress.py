@@ -8,6 +8,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 if TYPE_CHECKING:
     from slam.localization import Estimate
+    from slam.mapping import MapperStep
 
 
 class _Bar:
@@ -76,3 +77,14 @@ class ScanProgress(_Bar):
     def update(self, index: int, scans: int, estimate: "Estimate | None" = None) -> None:
         """One more scan of so many is done."""
         self._show(index + 1, "" if estimate is None else estimate.verdict.status.value, scans)
+
+
+class SlamProgress(_Bar):
+    """A progress bar over the scans of a log that is mapped: the last step, and the loops so far."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, None)
+
+    def update(self, index: int, scans: int, step: "MapperStep") -> None:
+        """One more scan of so many is placed."""
+        self._show(index + 1, f"{step.status.value}, {step.loops} loops", scans)

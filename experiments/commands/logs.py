@@ -1,4 +1,4 @@
-"""The commands on recorded logs: `kitasap real-log` and `kitasap localize`."""
+"""The commands on recorded logs: `kitasap slam`, `kitasap localize` and `kitasap real-log`."""
 
 import math
 from pathlib import Path
@@ -96,3 +96,32 @@ def localize(
     localized_log_picture(out, result)
     print(localizing.table(result.summary()))
     print(f"results and figures: {out}")
+
+
+def slam(
+    log: Log,
+    out: LogOut = RESULTS / "slam",
+    reference: Annotated[
+        Path | None, typer.Option(help="Reference poses, TUM format: metrics in summary.json.")
+    ] = None,
+    relations: Annotated[
+        Path | None, typer.Option(help="Official relations (Kuemmerle et al. 2009).")
+    ] = None,
+) -> None:
+    """Maps a recorded log: trajectory of every record, ROS map, pose graph, picture, verdict."""
+    from experiments import evaluation, slam_log
+    from experiments.figures import slam_map_picture
+    from experiments.progress import SlamProgress
+
+    if out.exists() and not out.is_dir():  # refused now rather than after the log
+        raise ValueError(f"--out takes a folder, and {out} is a file")
+    with SlamProgress(log.name) as progress:
+        result = slam_log.run(log, reference, relations, progress.update)
+    slam_log.write_results(result, out)
+    slam_map_picture(out, result)
+    summary = result.summary()
+    print(slam_log.table(summary))
+    if result.evaluation is not None:
+        print(evaluation.table(result.evaluation.summary(), log.name))
+    print(f"results and figures: {out}")
+    raise typer.Exit(0 if result.slam_map.verdict.is_good else 1)

@@ -14,6 +14,7 @@ from experiments.figures.one_trial import trial_picture
 from experiments.figures.over_time import over_time_figure
 from experiments.figures.paper_scatter import scatter
 from experiments.figures.recorded_log import real_log_picture
+from experiments.figures.slam_map import slam_map_picture
 
 __all__ = [
     "bound_figure",
@@ -27,6 +28,7 @@ __all__ = [
     "real_log_picture",
     "run_figures",
     "scatter",
+    "slam_map_picture",
     "trial_picture",
 ]
 

@@ -1,0 +1,80 @@
+"""The picture of a log that was mapped: the map, the robot's way on it, and the loops."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import ListedColormap
+
+from experiments.figures.canvas import saved
+from experiments.slam_log import SlamLog
+from slam.occupancy_grid import UNKNOWN
+from slam.se2 import SE2
+
+_GREYS = ListedColormap(["#d9d9d9", "#ffffff", "#9a9a9a", "#333333"])
+"""Of cells that are unknown, free, neither, and occupied: as in RViz."""
+_MARGIN_M = 1.0
+_WIDTH_IN = 9.0
+
+
+def slam_map_picture(folder: Path, result: SlamLog) -> Path:
+    """The occupancy grid, the way coloured by time, loops that were kept and rejected.
+
+    Writes `slam.png` and `.svg` into the folder.
+    """
+    slam_map = result.slam_map
+    grid = slam_map.grid()
+    kinds = np.select([grid.cells == UNKNOWN, grid.is_free, grid.is_occupied], [0, 1, 3], default=2)
+    corner, (rows, columns) = grid.T_map_grid, grid.cells.shape
+    extent = (
+        corner.x, corner.x + columns * grid.resolution_m,
+        corner.y, corner.y + rows * grid.resolution_m,
+    )  # fmt: skip
+    known = np.argwhere(kinds > 0)
+    low = np.array([corner.x, corner.y]) + known.min(axis=0)[::-1] * grid.resolution_m - _MARGIN_M
+    high = np.array([corner.x, corner.y]) + known.max(axis=0)[::-1] * grid.resolution_m + _MARGIN_M
+    ratio = min(max((high - low)[1] / (high - low)[0], 0.4), 1.3)
+    figure, axes = plt.subplots(figsize=(_WIDTH_IN, _WIDTH_IN * ratio + 1.2), layout="constrained")
+    axes.imshow(
+        kinds, cmap=_GREYS, vmin=0, vmax=3, origin="lower", extent=extent, interpolation="nearest"
+    )
+    _draw_loops(axes, result)
+    trajectory = result.trajectory
+    way = LineCollection(
+        list(np.stack([trajectory.poses[:-1, :2], trajectory.poses[1:, :2]], axis=1)),
+        array=trajectory.times_s[:-1] - trajectory.times_s[0], cmap="viridis", lw=1.2,
+    )  # fmt: skip
+    axes.add_collection(way)
+    axes.plot(*trajectory.poses[0, :2], "o", color="#0072b2", ms=6, label="start")
+    axes.plot(*trajectory.poses[-1, :2], "s", color="#d55e00", ms=6, label="end")
+    figure.colorbar(way, ax=axes, shrink=0.6, label="time [s]")
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
+    axes.set_aspect("equal")
+    verdict = slam_map.verdict
+    said = "good" if verdict.is_good else "FAILED: " + "; ".join(verdict.reasons)
+    axes.set_title(
+        f"{result.name}: {result.way_m:.0f} m, {len(slam_map.keyframes)} keyframes,"
+        f" {len(slam_map.loops)} loops\nmap {said}", fontsize=10, wrap=True,
+    )  # fmt: skip
+    axes.legend(loc="upper right", fontsize=8)
+    return saved(figure, folder / "slam")
+
+
+def _draw_loops(axes: plt.Axes, result: SlamLog) -> None:
+    poses = result.slam_map.poses
+    for loops, colour, words in (
+        (result.slam_map.loops, "#00913a", "loops"),
+        (result.slam_map.rejected, "#d62728", "rejected"),
+    ):
+        if not loops:
+            continue
+        ends = [
+            (
+                poses[loop.earlier, :2],
+                (SE2.from_array(poses[loop.earlier]) @ loop.T_earlier_later).as_array()[:2],
+            )
+            for loop in loops
+        ]
+        axes.add_collection(LineCollection(list(np.array(ends)), colors=colour, lw=0.5, alpha=0.5))
+        axes.plot([], [], color=colour, label=f"{words}: {len(loops)}")

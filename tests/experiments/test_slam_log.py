@@ -1,0 +1,63 @@
+"""`kitasap slam` on a stretch of a real log: what it writes, and what it refuses."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.cli import main
+from slam import read_map, read_tum
+from slam.pose_graph import read_g2o
+from tests.experiments.refusals import refusal
+
+DATA = Path(__file__).parents[1] / "data"
+LOG = DATA / "fr101-excerpt.clf.gz"
+REFERENCE = DATA / "fr101-excerpt.reference.tum"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("slam")
+    assert main(["slam", str(LOG), "--out", str(out), "--reference", str(REFERENCE)]) == 0
+    return out
+
+
+def test_summary_tells_verdict_and_metrics(folder):
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["verdict"] == "good"
+    assert summary["matched"] >= summary["scans"] - 2
+    assert summary["evaluation"]["ate"]["translation_m"]["rmse"] < 0.1
+    assert summary["evaluation"]["relations"]["all"]["coverage"] == 1.0
+
+
+def test_every_record_has_a_pose_and_every_keyframe_a_node(folder):
+    summary = json.loads((folder / "summary.json").read_text())
+    trajectory = read_tum(folder / "trajectory.tum")
+    assert len(trajectory) == summary["records"] > summary["scans"]
+    graph = read_g2o(folder / "pose_graph.g2o")
+    assert graph.node_count == summary["keyframes"]
+    assert graph.edge_count == summary["keyframes"] - 1 + (
+        summary["loops"] + summary["loops_rejected"]
+    )
+
+
+def test_map_is_a_ros_map_with_walls_and_free_space(folder):
+    grid = read_map(folder / "map.yaml")
+    assert grid.is_free.sum() > 10_000
+    assert grid.is_occupied.sum() > 500
+    # where the robot drove nothing stands
+    poses = read_tum(folder / "trajectory.tum").poses
+    assert np.mean(grid.is_free_at(poses[:, :2])) > 0.98
+
+
+def test_picture_is_there(folder):
+    assert (folder / "slam.png").stat().st_size > 20_000
+
+
+@pytest.mark.parametrize("content", ["", "no log at all\n"])
+def test_foreign_file_is_refused_in_one_line(tmp_path, capsys, content):
+    path = tmp_path / "foreign.clf"
+    path.write_text(content)
+    assert "foreign.clf" in refusal(capsys, "slam", path, "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
