@@ -229,7 +229,7 @@ def keep_smooth(
             ux, uy = directions[i, 0], directions[i, 1]
             # along the wall's line, a step aside by 1 makes the beam longer by the tangent
             tangent = (ex * ux + ey * uy) / (ux * ey - uy * ex) if ux * ey != uy * ex else np.inf
-            expected = predicted[i] - sign * shifts[i] * tangent
+            expected = predicted[i] + sign * shifts[i] * tangent
             limit = bend * sigma_at(noise, predicted[i])
             is_kept[i] = abs(ranges[i] - expected) <= limit
 

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
+from slam.kernels.beam_likelihood import keep_smooth
 from slam.kernels.edges import propagate, ranges_beside
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
-from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS
+from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, scan_of
 
 NODES = np.linspace(-3.5, 3.5, 33)
 INFORMATION = np.linalg.inv(
@@ -118,3 +119,55 @@ def test_nothing_beside_is_infinite():
         np.array([[1.0, 0.0]]), np.array([[-0.2, 0.0, 0.2]]), np.ones(1, dtype=np.bool_), 30.0, found_m,
     )  # fmt: skip
     assert found_m.tolist() == [[np.inf, np.inf, 2.0]]
+
+
+def kept(
+    segments: np.ndarray, pose: SE2, covariance: np.ndarray, sigmas: float = 2.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which beams `keep_smooth` keeps, the walls they hit (-1: none) and their ranges; (N,) each."""
+    segment_map, beams = SegmentMap(segments), Beams.of(scan_of(segments, pose), SE2.identity())
+    ranges_m, hit_walls = segment_map.ranges(beams, pose, 30.0)
+    predicted_m, is_kept = ranges_m.copy(), np.zeros(len(beams), dtype=np.bool_)
+    vertices = pose.inverse() @ segment_map.vertices
+    keep_smooth(
+        vertices, segment_map.walls, beams.origins_m, beams.directions, beams.angles_rad,
+        beams.middle_m, beams.spread_m, 30.0, np.array([[1.0, 1e-4]]), covariance, sigmas, 1.0,
+        np.empty_like(vertices), predicted_m, hit_walls, is_kept,
+    )  # fmt: skip
+    return is_kept, hit_walls, ranges_m
+
+
+@pytest.mark.parametrize("heading_rad", [0.0, 0.8, 2.0, -2.9])
+def test_straight_wall_is_smooth_however_flat_the_beam_and_wide_the_pose(heading_rad):
+    # 5 mm aside, a beam at 20 degrees to the wall is 14 mm longer: 140 sigmas, and no edge
+    is_kept, hit_walls, ranges_m = kept(
+        np.array([[[60.0, 1.0], [-60.0, 1.0]], [[-60.0, -1.0], [60.0, -1.0]]]),
+        SE2(0.0, 0.2, heading_rad),
+        np.diag([25e-6, 25e-6, 1e-6]),
+    )
+    is_near = hit_walls >= 0
+    # the flattest of all, 25 m off, may leave the 30 m that are looked at
+    is_near[is_near] = ranges_m[is_near] < 25.0
+    assert is_near.sum() > 400
+    assert is_kept[is_near].all()
+
+
+def test_beams_that_pass_an_edge_and_no_others_are_not_smooth():
+    pose, deviation_m, sigmas = ROOM_CENTRE, 3e-3, 2.0
+    is_kept, _, _ = kept(
+        ROOM_SEGMENTS, pose, np.diag([deviation_m**2, deviation_m**2, 1e-12]), sigmas
+    )
+    # the obvious way: is it the same wall from either side?
+    segment_map, beams = (
+        SegmentMap(ROOM_SEGMENTS),
+        Beams.of(scan_of(ROOM_SEGMENTS, pose), SE2.identity()),
+    )
+    left = np.column_stack([-beams.directions[:, 1], beams.directions[:, 0]])
+    walls = []
+    for shift in (-1.0, 0.0, 1.0):
+        origins_m = shift * sigmas * deviation_m * left
+        seen_from = Beams(origins_m, beams.angles_rad, beams.ranges_m)
+        walls.append(segment_map.ranges(seen_from, pose, 30.0)[1])
+    is_same = (walls[0] == walls[1]) & (walls[1] == walls[2])
+    assert (~is_same).sum() >= 5
+    np.testing.assert_array_equal(is_kept, is_same)
