@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,12 +11,15 @@ from slam.beams import Beams
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 
+_FEWEST = 3
+
 
 @dataclass(frozen=True)
 class LaserFaultConfig:
     """When a laser is at fault.
 
-    min_hits: a scan of fewer says nothing. blocked_m, blocked_share: a laser of which that share of
+    min_hits: a scan of fewer says nothing; of a laser of few beams, half of them are enough, but three
+    at least, for the three numbers of a pose. blocked_m, blocked_share: a laser of which that share of
     the beams ends so near, where the map has nothing, is blocked; blocked_all: wherever it is, since
     where a robot can stand, some beams go farther than that. Chosen, all of these.
     """
@@ -26,12 +30,20 @@ class LaserFaultConfig:
     blocked_all: float = 0.8
 
 
-def says_nothing(beams: Beams, config: LaserFaultConfig) -> str:
-    """Why a scan says nothing at all, in words; empty where it may."""
-    count = int(np.count_nonzero(beams.is_hit))
-    if count < min(config.min_hits, len(beams)):
-        return f"{count} of {len(beams)} beams came back: no laser, or nothing in its reach"
-    return ""
+def says_nothing(beams: Beams, beam_count: int, config: LaserFaultConfig) -> str:
+    """Why a scan says nothing at all, in words; empty where it may.
+
+    beam_count: of the laser, as far as its scans have told.
+    """
+    hits = int(np.count_nonzero(beams.is_hit))
+    needed = min(config.min_hits, max(_FEWEST, math.ceil(beam_count / 2)))
+    if hits >= needed:
+        return ""
+    if len(beams) >= needed:
+        return f"{hits} of {len(beams)} beams came back: no laser, or nothing in its reach"
+    had = f" where there were {beam_count} before" if beam_count > len(beams) else ""
+    beams_it_has = {0: "no beams", 1: "1 beam"}.get(len(beams), f"{len(beams)} beams")
+    return f"the scan has {beams_it_has}{had}; it takes {needed} to tell of a place"
 
 
 def blocked(

@@ -125,14 +125,14 @@ class Guard:
         self._search.move(moved)
         if self._lost_s is None:
             self._lost_s = look.time_s
-        nothing = says_nothing(look.beams, self.config.laser_faults)
+        nothing = self._says_nothing(look.beams)
         if nothing:
             return Judgement(Verdict(Status.UNSURE, (nothing,), self.hypotheses), None)
         return self._placed(look, self._lost_s)
 
     def judge(self, look: Look, match: ScanMatch, step: Step) -> Judgement:
         """While tracking: whether to believe the match of a scan."""
-        nothing = says_nothing(look.beams, self.config.laser_faults)
+        nothing = self._says_nothing(look.beams)
         if nothing:
             self._slip.clear()
             return Judgement(Verdict(Status.UNSURE, (nothing,)), None)
@@ -153,6 +153,9 @@ class Guard:
 
     def _hypotheses(self) -> Hypotheses:
         return Hypotheses(self.relocalizer, self.config.hypotheses)
+
+    def _says_nothing(self, beams: Beams) -> str:
+        return says_nothing(beams, self._usual.beam_count(beams), self.config.laser_faults)
 
     def _blocked(self, beams: Beams, T_map_base: SE2) -> str:
         walls = self.relocalizer.segment_map

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from slam.beams import Beams
 from slam.evidence import Evidence
 from slam.relocalization import Relocalizer
 from slam.verdict_limits import VerdictLimits
 
 _MEMORY = 50
+_LARGER = 1.5
+"""Chosen: a laser whose sweeps differ by a few beams is learnt once; the stump of a first sweep, or
+a fan of half the room, does not stand for the whole one."""
 
 
 @dataclass(frozen=True)
@@ -28,13 +33,24 @@ class UsualFit:
         self.config = config or UsualFitConfig()
         self._relocalizer = relocalizer
         self._limits: VerdictLimits | None = None
+        self._learnt_of = (0, 0.0)
+        self._beam_count = 0
         self._mean_inliers = 1.0
         self._taken = 0
 
+    def beam_count(self, beams: Beams) -> int:
+        """Of the laser: the most that a scan has had so far, this one among them."""
+        self._beam_count = max(self._beam_count, len(beams))
+        return self._beam_count
+
     def limits(self, beams: Beams) -> VerdictLimits:
-        """What is usual on this map for the laser of the first scan."""
-        if self._limits is None:
+        """What is usual on this map for the laser, by the largest of its scans so far."""
+        count, view_rad = self._learnt_of
+        sees_rad = float(np.ptp(beams.angles_rad)) if len(beams) else 0.0
+        is_larger = len(beams) > _LARGER * count or sees_rad > _LARGER * view_rad
+        if self._limits is None or is_larger:
             self._limits = VerdictLimits.usual_for(self._relocalizer, beams)
+            self._learnt_of = len(beams), sees_rad
         return self._limits
 
     def limits_here(self, beams: Beams) -> VerdictLimits:

@@ -14,6 +14,7 @@ from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 
 _SCANS = 150
+_FEWEST = 3
 _LEG_M = 0.06
 _STRIDE_M = 0.25
 """A person in the way: two legs of this radius, so far apart."""
@@ -49,8 +50,11 @@ class VerdictLimits:
         """Of virtual scans with the directions of `beams`, drawn from the map and the laser's model.
 
         Ray-cast from places the search looks at, with the noise assumed, walls as uncertain as the
-        map says, and people in the way. The same numbers at each call.
+        map says, and people in the way. The same numbers at each call. Of fewer than three beams,
+        which fit anywhere or nowhere, it learns nothing.
         """
+        if len(beams) < _FEWEST:
+            return _UNKNOWN
         rng = np.random.default_rng(0)
         places = _places(relocalizer, rng)
         right, violations, wrong = [], [], []

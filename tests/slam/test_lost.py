@@ -8,11 +8,13 @@ import pytest
 
 from slam import SE2, FastMatcher, LimitMatcher, Localizer, Measurement, SegmentMap, SurfelGrid
 from slam.beams import Beams
+from slam.laser_faults import LaserFaultConfig, says_nothing
 from slam.lost import Guard, Look, Step
 from slam.measurements import LaserScan
 from slam.relocalization import Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.verdict import Status
+from slam.verdict_limits import VerdictLimits
 from tests.slam.all_methods import MODEL, SIGMA_M
 from tests.slam.synthetic import ANGLES_RAD, ROOM_SEGMENTS, scan_of
 
@@ -98,6 +100,61 @@ def test_without_a_start_the_first_scan_tells(room):
         assert estimate.verdict.status is Status.TRACKING
         assert estimate.verdict.recovery_s == 0.0
         assert robot.is_right(estimate)
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [
+        (0, "the scan has no beams; it takes 3 to tell of a place"),
+        (1, "the scan has 1 beam; it takes 3 to tell of a place"),
+        (2, "the scan has 2 beams; it takes 3 to tell of a place"),
+    ],
+)
+def test_first_scan_of_next_to_no_beams_says_nothing_and_spoils_nothing(count, said, room):
+    robot = Robot(room, None)
+    stump = LaserScan(0.0, ANGLES_RAD[:count].copy(), np.full(count, 2.0))
+    first = robot.look(scan=stump)
+    assert first.verdict.status is Status.UNSURE
+    assert first.verdict.reasons == (said,)
+    # one beam in twenty measures somebody
+    scan = scan_of(room[0], robot.at @ LASER, robot.rng, SIGMA_M)
+    ranges_m = scan.ranges_m.copy()
+    ranges_m[::20] = 0.7
+    second = robot.look(scan=LaserScan(0.0, ANGLES_RAD, ranges_m))
+    assert second.verdict.status is Status.TRACKING
+    assert robot.is_right(second)
+
+
+def test_limits_are_those_of_the_largest_fan_seen(room):
+    guard = Robot(room, START).localizer.guard
+    whole = scan_of(room[0], START @ LASER)
+    assert guard is not None
+
+    def limits_of(count):
+        part = LaserScan(0.0, ANGLES_RAD[:count].copy(), whole.ranges_m[:count].copy())
+        return guard._usual.limits(Beams.of(part, LASER))
+
+    expected = VerdictLimits.usual_for(room[2], Beams.of(whole, LASER))
+    assert limits_of(60) != expected
+    for count in (len(ANGLES_RAD), 60, len(ANGLES_RAD) - 3):
+        assert limits_of(count) == expected
+
+
+@pytest.mark.parametrize(
+    ("hits", "beams", "beam_count", "said"),
+    [
+        (4, 8, 8, ""),
+        (3, 8, 8, "3 of 8 beams came back: no laser, or nothing in its reach"),
+        (3, 3, 3, ""),
+        (8, 8, 481, "the scan has 8 beams where there were 481 before; it takes 20 to tell of a place"),
+        (19, 481, 481, "19 of 481 beams came back: no laser, or nothing in its reach"),
+        (20, 481, 481, ""),
+    ],
+)  # fmt: skip
+def test_half_of_a_small_laser_is_enough_but_no_stump_of_a_large_one(hits, beams, beam_count, said):
+    ranges_m = np.where(np.arange(beams) < hits, 2.0, np.inf)
+    scan = Beams(np.zeros((beams, 2)), ANGLES_RAD[:beams], ranges_m)
+    assert says_nothing(scan, beam_count, LaserFaultConfig()) == said
 
 
 def test_a_start_without_a_pose_needs_a_guard(room):
