@@ -103,8 +103,8 @@ class BeamMatch:
     counted as 16 at most. used: beams that could tell. inlier_ratio: share of them within four
     sigmas; behind_ratio: share that ended behind the wall they should have met.
     scale: scatter of the residuals in units of the laser's noise. offset_m, offset_sigma_m: range
-    offset common to all beams. smooth: what the beams say that pass no edge; None where edges are
-    not told apart.
+    offset common to all beams. noise_scale: times the laser's noise with which the pose was found.
+    smooth: what the beams say that pass no edge; None where edges are not told apart.
     """
 
     T_map_base: SE2
@@ -119,6 +119,7 @@ class BeamMatch:
     offset_m: float
     offset_sigma_m: float
     smooth: PoseInformation | None = None
+    noise_scale: float = 1.0
 
     @property
     def covariance(self) -> FloatArray:
@@ -172,6 +173,7 @@ def match_beams(
         inlier_ratio=match.inlier_ratio,
         behind_ratio=match.behind_ratio,
         scale=match.scale,
+        noise_scale=match.scale,
     )
 
 

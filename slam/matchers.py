@@ -16,6 +16,7 @@ from slam.icp import CoarseToFineConfig, IcpConfig, match_scan, match_scan_coars
 from slam.kernels.normal_equations import widest
 from slam.laser_model import LaserModel
 from slam.lines import LineConfig, LineMap, match_lines
+from slam.map_errors import MetSurfaces
 from slam.observability import held
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
@@ -136,8 +137,18 @@ class VerdictConfig:
 _REPEATED = 0.12
 """Of the covariance of one scan of `fast` on exact walls: means of 40 scans from each of 24 poses
 have 0.13 of it for a squared error (room_fig4, URG-04LX), where independent ones have 0.025."""
-_REPEATED_OF_MAP = 0.5
-"""Chosen: where the map is made of scans, its own errors are half of what makes a match wrong."""
+
+
+def _on_wrong_map(match: ScanMatch, met: MetSurfaces) -> ScanMatch:
+    """A match, less sure by what the map's own errors do to it: the same in all scans from there."""
+    assert match.information is not None
+    by_map = met.pose_covariance(match.T_map_base)
+    # (R + D)^-1 for an R that may have no inverse
+    information = np.linalg.solve(np.eye(3) + match.information @ by_map, match.information)
+    information = (information + information.T) / 2.0
+    share = float(np.linalg.eigvals(information @ by_map).real.max())
+    return replace(match, information=information, repeated=min(max(share, _REPEATED), 1.0))
+
 
 _NEAR_HEADINGS_RAD = (0.0, 0.175, -0.175, 0.35, -0.35)
 _NEAR_SHIFTS_M = ((0.0, 0.0), (0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2))
@@ -190,8 +201,18 @@ class FastMatcher:
             found.information,
             # the kernel makes of a squared residual of q sigmas q / (6 + q) of a cost
             log_likelihood=-3.0 * found.cost * found.point_count,
-            repeated=_REPEATED if self.grid.is_exact else _REPEATED_OF_MAP,
+            repeated=_REPEATED,
         )
+        judged = self._judged(match, beams, found)
+        if self.grid.is_exact:
+            return judged
+        noise = self.laser.noise
+        return _on_wrong_map(
+            judged, MetSurfaces.of_points(beams, self.grid, noise, found.T_map_base)
+        )
+
+    def _judged(self, match: ScanMatch, beams: Beams, found: SurfelMatch) -> ScanMatch:
+        """The match with its status, and of its information what is held."""
         if found.point_count < self.verdict.min_beams or not found.cost <= self.max_cost:
             return match
         sure = self.sure_of(beams, found.information)
@@ -257,7 +278,7 @@ class LimitMatcher:
         status = self._status(best, information)
         if status is MatchStatus.DEGENERATE:
             information = self.verdict.held(information)
-        return ScanMatch(
+        match = ScanMatch(
             best.T_map_base,
             status,
             best.cost,
@@ -266,8 +287,16 @@ class LimitMatcher:
             information,
             fit,
             log_likelihood=-0.5 * best.used * (best.cost - 1.0),
-            repeated=_REPEATED if self.segment_map.is_exact else _REPEATED_OF_MAP,
+            repeated=_REPEATED,
             smooth=best.smooth,
+        )
+        if self.segment_map.is_exact:
+            return match
+        return _on_wrong_map(
+            match,
+            MetSurfaces.of_beams(
+                beams, self.segment_map, self.laser, best.T_map_base, best.noise_scale
+            ),
         )
 
     def _climbed(
