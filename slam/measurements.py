@@ -24,7 +24,7 @@ _ROUNDING = 1e-9
 class LaserScan:
     """One sweep of the laser range sensor (the paper's LRS data).
 
-    time_s: the stamp of the sweep. angles_rad: (N,) increasing, laser frame, the only truth about
+    time_s: the stamp of the sweep, best that of its last beam: see `Measurement`. angles_rad: (N,) increasing, laser frame, the only truth about
     beam directions. ranges_m: (N,); +inf no return, -inf too close (REP-117), nan invalid.
     beam_times_s: (N,) instant at which each beam fired, or None where it is not known. Of a beam whose
     time is not finite or 10 s off the stamp, nothing is known: its range becomes nan, its time one
@@ -93,7 +93,10 @@ class LaserScan:
 class Measurement:
     """One scan and the way the wheels say the robot went since the last one.
 
-    motion: from the base frame at the last measurement to the base frame at this one.
+    time_s: the instant up to which the motion reaches, and of which the pose is told. It should not
+    lie before the last beam: of those fired later (ROS stamps a sweep by its first beam) it is
+    guessed where the robot was, which makes the pose much less sure, and is warned of.
+    motion: from the base frame at the last measurement to the base frame at this one, at time_s.
     motion_covariance: (3, 3) of the tangent (x [m], y [m], theta [rad]) in the robot's frame at the
     END of the motion: true motion = motion @ SE2.exp(noise). If not given, what `OdometryNoise` says
     by default of two wheels 0.3 m apart that went this way; while they stand, 0.1 mm and 0.1 mrad.

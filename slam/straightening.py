@@ -25,6 +25,8 @@ _CHANGE_ODDS = np.array([-2.0, 0.0, -5.0, -5.0, -5.0])
 """Chosen, log of, for `BodyMotion.alternatives`: robots speed up evenly, most of the time."""
 _TRUST = 0.1
 """Chosen: beams that pass edges make a scan's log-likelihood jump by 15 from pose to pose."""
+_AFTER_S = 0.005
+"""Chosen: beams fired so long after the stamp are worth a word; drivers' clocks differ by less."""
 _PROBES = np.diag([0.02, 0.0, 0.02])[[0, 2]]
 """Ways within a sweep by which a first scan is tried for motion: 2 cm ahead, 20 mrad of a turn;
 shorter ones tell less than beams at edges make the log-likelihood jump."""
@@ -96,7 +98,7 @@ class Straightener:
             return self._match_of_unknown_motion(scan, match_beams)
         if not self._can_straighten(scan):
             return self._match_skewed(scan, motion, match_beams)
-        return self._match_along(scan, motion, match_beams), ()
+        return self._match_along(scan, motion, match_beams), _said_of_late(scan, motion.end_s)
 
     def _can_straighten(self, scan: LaserScan) -> bool:
         return self._deskew and scan.beam_times_s is not None
@@ -110,6 +112,9 @@ class Straightener:
         self, scan: LaserScan, motion: BodyMotion, match_beams: MatchBeams
     ) -> ScanMatch:
         """The match of a scan straightened by a motion, or by others of the same way, mixed."""
+        after = np.diag(self._after_stamp(scan, motion))
+        if after.any():
+            motion = replace(motion, unsteadiness=np.sqrt(motion.unsteadiness**2 + after))
         match = _less_sure(match_beams(self.beams(scan)), motion)
         if match.information is None or motion.is_steady(match.information):
             return match
@@ -119,6 +124,26 @@ class Straightener:
         ]
         return _likeliest(found, _CHANGE_ODDS, _TRUST)
 
+    def _after_stamp(self, scan: LaserScan, motion: BodyMotion) -> FloatArray:
+        """(3, 3) by how much a scan is off as beams were still fired after the stamp.
+
+        What speed the robot changed to at the stamp the wheels tell with the next scan. As standard
+        deviation of it: half of the fastest, or of the speed now if that is faster.
+        """
+        if scan.beam_times_s is None:
+            return np.zeros((3, 3))
+        after_s = np.maximum(scan.beam_times_s - motion.end_s, 0.0)
+        if not after_s.any():
+            return np.zeros((3, 3))
+        fastest = np.array([self._fastest[0], 0.0, self._fastest[1]])
+        change = replace(motion, velocity=np.maximum(fastest, np.abs(motion.velocity)) / 2.0)
+        return np.diag(np.diag(change.lateness(2.0 * float(after_s.mean()), self._lever_m(scan))))
+
+    def _lever_m(self, scan: LaserScan) -> float:
+        """How far the points of a scan are from the base on average [m]."""
+        points = self.beams(scan).points
+        return float(np.hypot(*points.T).mean()) if len(points) else 0.0
+
     def _match_skewed(
         self, scan: LaserScan, motion: BodyMotion, match_beams: MatchBeams
     ) -> tuple[ScanMatch, tuple[str, ...]]:
@@ -126,16 +151,19 @@ class Straightener:
         beams, sweep_s = self.beams(scan), self._sweep_s
         match = match_beams(beams)
         if scan.beam_times_s is not None and len(beams):
-            sweep_s = motion.end_s - float(scan.beam_times_s.min())
-        lever_m = float(np.hypot(*beams.points.T).mean()) if beams.is_hit.any() else 0.0
-        self.late = motion.lateness(min(sweep_s, motion.end_s - motion.start_s), lever_m)
+            sweep_s = float(np.abs(scan.beam_times_s - motion.end_s).max())
+        longest_s = motion.end_s - motion.start_s
+        self.late = motion.lateness(min(sweep_s, longest_s), self._lever_m(scan))
+        self.late = self.late + self._after_stamp(scan, motion)
+        said = _said_of_late(scan, motion.end_s)
         if match.information is None or np.trace(match.information @ self.late) < _LATE:
-            return match, ()
+            return match, said
         speed_mps, turn_radps = math.hypot(*motion.velocity[:2]), abs(motion.velocity[2])
         why = "it has no beam times" if scan.beam_times_s is None else "deskew is switched off"
         return match, (
             f"scan not straightened: {why}, and the robot moved at {speed_mps:.2f} m/s and"
             f" {turn_radps:.2f} rad/s",
+            *said,
         )
 
     def _match_of_unknown_motion(
@@ -183,6 +211,20 @@ class Straightener:
         best = half * half / (2.0 * bend) if bend > 0.0 else 0.0
         gain = max(best, before - match.log_likelihood, after - match.log_likelihood)
         return gain, (last - first) / 2.0
+
+
+def _said_of_late(scan: LaserScan, stamp_s: float) -> tuple[str, ...]:
+    """That beams were fired after the stamp of a scan, in words; nothing where hardly any were."""
+    if scan.beam_times_s is None:
+        return ()
+    after_s = float(scan.beam_times_s.max(initial=stamp_s)) - stamp_s
+    if not after_s > _AFTER_S:
+        return ()
+    return (
+        f"beams were fired up to {1000.0 * after_s:.0f} ms after the stamp, and how the robot moved"
+        " then is a guess: stamp the measurement when the last beam is fired, and give the wheels'"
+        " motion up to there",
+    )
 
 
 def _less_sure(match: ScanMatch, motion: BodyMotion) -> ScanMatch:
