@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +16,11 @@ _STEADY = 0.2**2
 _CHANGES_AT = (0.25, 0.5, 0.75)
 """Chosen: shares of the interval after which the speed may have changed at once."""
 _NO_TIME_S = 1e-6
+_JITTER_MEMORY = 20
+_FITS_BETTER = 0.5
+"""Chosen: of a change of speed; one that is as large either way says nothing of the stamps."""
+_LEAST_JITTER_S = 0.0025
+"""Chosen: so much intervals differ where sweeps end between the ticks of a clock; it does no harm."""
 _LEAP, _USUAL = 3.0, 0.5
 """Chosen: three times the usual interval is a leap, half of it more or less is usual."""
 
@@ -128,6 +134,7 @@ class SweepClock:
 
     A stamp that is not after the last one, or so late that the wheels' way fits the usual interval
     better, tells nothing, nor does the interval that follows it: the usual one is taken instead.
+    How much intervals differ where the way does not is `jitter_s`.
     """
 
     def __init__(self) -> None:
@@ -135,6 +142,7 @@ class SweepClock:
         self._usual_s = np.inf
         self._velocity: FloatArray | None = None
         self._is_doubtful = False
+        self._jitter_s2, self._intervals = 0.0, 0
         self.is_told = True
         """Whether the last stamp was one to believe."""
 
@@ -153,9 +161,30 @@ class SweepClock:
             self._is_doubtful, self.is_told = is_bad, False
             return usual_s
         self._is_doubtful = False
+        self._take_jitter(told_s, motion)
         self._usual_s = told_s
         self._velocity = motion.log() / told_s
         return told_s
+
+    @property
+    def jitter_s(self) -> float:
+        """Standard deviation of the intervals told, as far as the wheels went another way [s]."""
+        return math.sqrt(self._jitter_s2)
+
+    def _take_jitter(self, told_s: float, motion: SE2) -> None:
+        """Learns from an interval: it was not that one if the way fits the usual one better."""
+        if self._velocity is None or np.isinf(self._usual_s) or not np.any(motion.log()):
+            return
+        told, usual = (motion.log() / length_s for length_s in (told_s, self._usual_s))
+        off_s = 0.0
+        changes = [np.linalg.norm(velocity - self._velocity) for velocity in (usual, told)]
+        off_by_s = told_s - self._usual_s
+        if abs(off_by_s) > _LEAST_JITTER_S and changes[0] < _FITS_BETTER * changes[1]:
+            off_s = off_by_s
+        # between two intervals that differ by chance lies twice the variance of one
+        self._intervals += 1
+        share = 1.0 / min(self._intervals, _JITTER_MEMORY)
+        self._jitter_s2 += share * (off_s**2 / 2.0 - self._jitter_s2)
 
     def _is_leap(self, told_s: float, motion: SE2) -> bool:
         if self._velocity is None or told_s < _LEAP * self._usual_s:

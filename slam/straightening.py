@@ -27,6 +27,10 @@ _TRUST = 0.1
 """Chosen: beams that pass edges make a scan's log-likelihood jump by 15 from pose to pose."""
 _AFTER_S = 0.005
 """Chosen: beams fired so long after the stamp are worth a word; drivers' clocks differ by less."""
+_NO_JITTER_S = 1e-6
+_JITTERED = 1.4
+"""Of an interval that is wrong by so much, the lateness: 1 as the speed that it makes of the way, and
+0.4 as the change of that speed."""
 _PROBES = np.diag([0.02, 0.0, 0.02])[[0, 2]]
 """Ways within a sweep by which a first scan is tried for motion: 2 cm ahead, 20 mrad of a turn;
 shorter ones tell less than beams at edges make the log-likelihood jump."""
@@ -112,9 +116,13 @@ class Straightener:
         self, scan: LaserScan, motion: BodyMotion, match_beams: MatchBeams
     ) -> ScanMatch:
         """The match of a scan straightened by a motion, or by others of the same way, mixed."""
-        after = np.diag(self._after_stamp(scan, motion))
-        if after.any():
-            motion = replace(motion, unsteadiness=np.sqrt(motion.unsteadiness**2 + after))
+        unknown = self._after_stamp(scan, motion)
+        if self._clock.jitter_s > _NO_JITTER_S:
+            jitter_s = _JITTERED * self._clock.jitter_s
+            unknown = unknown + motion.lateness(jitter_s, self._lever_m(scan))
+        if unknown.any():
+            unsteadiness = np.sqrt(motion.unsteadiness**2 + np.diag(unknown))
+            motion = replace(motion, unsteadiness=unsteadiness)
         match = _less_sure(match_beams(self.beams(scan)), motion)
         if match.information is None or motion.is_steady(match.information):
             return match

@@ -203,6 +203,28 @@ def test_clock_that_was_set_goes_on_as_before():
     np.testing.assert_allclose(clocked([5.0, 5.1, 1.0, 1.1, 1.2], [1.0] * 5)[1:], 0.1)
 
 
+def jitter_of(stamps_s: np.ndarray, speeds_mps: np.ndarray) -> float:
+    clock = SweepClock()
+    for stamp_s, speed_mps in zip(stamps_s, speeds_mps, strict=True):
+        clock.duration_s(float(stamp_s), SE2(0.1 * speed_mps, 0.0, 0.0))
+    return clock.jitter_s
+
+
+def test_clock_learns_by_how_much_stamps_are_wrong():
+    stamps_s = 0.1 * np.arange(200) + np.random.default_rng(0).normal(0.0, 0.01, 200)
+    # an interval has two of them, and only those that fit worse than the last are counted: 12 mm at
+    # 1 m/s of sqrt(2) times 10, of the last 20 intervals
+    assert 0.007 < jitter_of(stamps_s, np.ones(200)) < 0.02
+
+
+def test_intervals_that_differ_as_the_way_does_are_no_jitter():
+    lengths = np.random.default_rng(0).uniform(0.7, 1.3, 200)
+    assert jitter_of(0.1 * np.cumsum(lengths), lengths) == 0.0
+    # nor is a change of speed, nor a robot at rest
+    assert jitter_of(0.1 * np.arange(200), lengths) < 1e-12
+    assert jitter_of(0.1 * np.cumsum(lengths), np.zeros(200)) == 0.0
+
+
 def test_pause_in_which_the_robot_went_on_is_no_wrong_stamp():
     found_s = clocked([0.0, 0.1, 0.2, 1.2], [1.0, 1.0, 1.0, 10.0])
     np.testing.assert_allclose(found_s[1:], [0.1, 0.1, 1.0])

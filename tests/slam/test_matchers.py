@@ -456,6 +456,24 @@ def test_one_wrong_stamp_costs_a_turning_robot_nothing(wrong_s, is_of_scan, room
     assert max(nees[6], nees[7], nees[-1]) < 16.3
 
 
+def test_stamps_that_jitter_make_a_turning_robot_less_sure(room):
+    nees = []
+    for seed in range(4):
+        rng, true = np.random.default_rng(seed), ROOM_CENTRE
+        robot = Localizer(room["limit"], true, LASER)
+        for i in range(30):
+            told = TURNING if i else np.zeros(3)
+            scan, off_s = swept_scan(true, told, 0.1 * i, rng), rng.normal(0.0, 0.01)
+            true = true @ SE2.exp(told)
+            stamp_s, times_s = scan.time_s + off_s, scan.beam_times_s + off_s
+            scan = replace(scan, time_s=stamp_s, beam_times_s=times_s)
+            estimate = robot.update(Measurement(stamp_s, SE2.exp(told), scan, STEP_COVARIANCE))
+            if i >= 5:
+                nees.append(nees_of(estimate, true))
+    # 3 where all is as assumed
+    assert np.mean(nees) < 7.0
+
+
 def test_change_of_speed_within_a_sweep_makes_the_covariance_wider(room):
     # at rest for half the sweep, then at 1 rad/s: the wheels tell half a turn rate for all of it
     rng, true = np.random.default_rng(5), ROOM_CENTRE
