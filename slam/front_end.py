@@ -139,8 +139,11 @@ class FrontEnd:
         return straightener.beams(scan)
 
     def _points(self, beams: Beams) -> FloatArray:
-        points = beams.points
-        return points[np.hypot(*(points - beams.middle_m).T) < self.config.range_max_m]
+        is_far = beams.ranges_m > self.config.range_max_m
+        if not is_far.any():
+            return beams.points
+        near = Beams(beams.origins_m, beams.angles_rad, np.where(is_far, np.inf, beams.ranges_m))
+        return near.points
 
     def _placed(
         self, measurement: Measurement, points: FloatArray, T_last: SE2, T_predicted: SE2
@@ -214,7 +217,7 @@ class FrontEnd:
         if is_break:
             while self._window:
                 self._surfaces.remove(self._window.popleft())
-        points_map = T_map_base @ points
+        points_map = T_map_base @ self._surfaces.thinned(points)
         self._surfaces.add(points_map)
         self._window.append(points_map)
         if len(self._window) > self.config.window:

@@ -129,12 +129,13 @@ class LoopCloser:
     ) -> Loop | None:
         """The loop between two keyframes, if their scans agree that there is one."""
         members = self._members(keyframes, earlier)
-        clouds = [SE2.from_array(poses[k]) @ keyframes[k].points for k in members]
-        for cloud in clouds:
-            self._surfaces.add(cloud)
+        thinned = self._surfaces.thinned
+        submap = np.concatenate(
+            [SE2.from_array(poses[k]) @ thinned(keyframes[k].points) for k in members]
+        )
+        self._surfaces.add(submap)
         match = self._matched(keyframes[later], SE2.from_array(poses[later]), sigma)
-        for cloud in clouds:
-            self._surfaces.remove(cloud)
+        self._surfaces.remove(submap)
         config = self.config
         if (
             match.seen_ratio < config.least_seen_ratio

@@ -13,7 +13,7 @@ from slam.loop_closing import Loop, LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, MapVerdict, judged
 from slam.measurements import Measurement
 from slam.occupancy_grid import OccupancyGrid
-from slam.pose_graph import EdgeKernel, PoseGraph, PoseGraphSolution
+from slam.pose_graph import EdgeKernel, PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
 from slam.trajectory import Trajectory
 
@@ -24,8 +24,9 @@ class MapperConfig:
 
     drift_m, drift_rad: by which a pose may be wrong for each metre since the last loop, and
     start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
-    keyframes after which the poses are adjusted, if there are new loops. step_sigma: (m, m, rad) of
-    the motion between two keyframes beside what the front end says. Chosen, all of these.
+    keyframes after which the poses are adjusted, if there are new loops, by so many
+    online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
+    what the front end says. Chosen, all of these.
     """
 
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
@@ -37,6 +38,7 @@ class MapperConfig:
     drift_rad: float = 0.002
     most_drift: tuple[float, float] = (2.5, 0.35)
     solve_every: int = 25
+    online_iterations: int = 3
     step_sigma: tuple[float, float, float] = (0.003, 0.003, 0.001)
 
 
@@ -185,11 +187,12 @@ class Mapper:
                 self._take(found)
                 self._since_loop_m, self._has_new = 0.0, True
         if self._has_new and index % config.solve_every == 0:
-            self._solve()
+            self._solve(config.online_iterations)
             self._has_new = False
 
-    def _solve(self) -> PoseGraphSolution:
-        """Moves the poses to where steps and loops agree best."""
-        solution = self._graph.solve()
+    def _solve(self, max_iterations: int = 100) -> PoseGraphSolution:
+        """Moves the poses to where steps and loops agree best, or on the way there."""
+        config = PoseGraphConfig(max_iterations=max_iterations)
+        solution = self._graph.solve(config=config)
         self._graph.set_poses(solution.poses)
         return solution

@@ -144,14 +144,14 @@ class SurfaceMap:
             self._sums[level], self._owners[level], cell_m, points, x, y, T_middle.theta + turns,
             counts,
         )  # fmt: skip
-        found: list[SE2] = []
-        for flat in np.argsort(-counts, axis=None, kind="stable")[:200]:
-            k, u, v = np.unravel_index(flat, counts.shape)
-            pose = SE2(float(x[u]), float(y[v]), T_middle.theta + float(turns[k]))
-            if not any(pose.is_near(other, 1.5 * cell_m, np.radians(8.0)) for other in found):
-                found.append(pose)
-            if len(found) == 3:
+        found = []
+        for _ in range(3):
+            k, u, v = np.unravel_index(int(counts.argmax()), counts.shape)
+            if counts[k, u, v] <= 0:
                 break
+            found.append(SE2(float(x[u]), float(y[v]), T_middle.theta + float(turns[k])))
+            # one and a half cells, and eight degrees, to either side
+            counts[max(k - 4, 0) : k + 5, max(u - 3, 0) : u + 4, max(v - 3, 0) : v + 4] = 0
         return found
 
     def thinned(self, points: FloatArray, most: int | None = None) -> FloatArray:
@@ -159,8 +159,7 @@ class SurfaceMap:
         most = self.config.max_points if most is None else most
         return np.ascontiguousarray(points[:: max(1, -(-len(points) // most))])
 
-    def _put(self, points_map: FloatArray, sign: float) -> None:
-        points = self.thinned(points_map)
+    def _put(self, points: FloatArray, sign: float) -> None:
         for level, cell_m in enumerate(self.config.cells_m):
             kernels.put(
                 self._sums[level], self._owners[level], self._is_due[level], points, sign, cell_m
