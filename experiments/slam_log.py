@@ -22,6 +22,7 @@ from slam.pose_graph import write_g2o
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan
 from slam.readers.recognition import read_log
+from slam.slam_map_files import write_slam_map
 from slam.trajectory import Trajectory, read_tum, write_tum
 
 OnScan = Callable[[int, int, MapperStep], None]
@@ -150,13 +151,14 @@ def _evaluated(
 
 
 def write_results(result: SlamLog, folder: Path) -> None:
-    """Writes summary.json, trajectory.tum, pose_graph.g2o, map.yaml and map.pgm.
+    """Writes summary.json, trajectory.tum, pose_graph.g2o, map.kitasap, map.yaml, map.pgm.
 
     Raises OSError if it cannot.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_tum(folder / "trajectory.tum", result.trajectory)
     write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
+    write_slam_map(folder / "map.kitasap", result.slam_map)
     write_map(folder / "map.yaml", result.slam_map.grid())
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
 

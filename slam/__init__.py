@@ -36,6 +36,7 @@ from slam.scan_match import MatchStatus, ScanMatch
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum
 from slam.verdict import Status, Verdict
@@ -95,8 +96,10 @@ __all__ = [
     "read_carmen",
     "read_log",
     "read_map",
+    "read_slam_map",
     "read_ticks",
     "read_tum",
     "write_map",
+    "write_slam_map",
     "write_tum",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -166,8 +167,7 @@ class Mapper:
             self._graph.add_node(keyframe.T_map_base)
         else:
             self._graph.add_node(self._graph.pose(index - 1) @ keyframe.T_before)
-            own = np.diag(np.square(config.step_sigma))
-            information = np.linalg.inv(keyframe.covariance + own)
+            information = _information(keyframe, config.step_sigma)
             self._graph.add_edge(index - 1, index, keyframe.T_before, information)
             self._since_loop_m += math.hypot(keyframe.T_before.x, keyframe.T_before.y)
         if keyframe.is_break:
@@ -196,3 +196,29 @@ class Mapper:
         solution = self._graph.solve(config=config)
         self._graph.set_poses(solution.poses)
         return solution
+
+
+def graph_of(
+    keyframes: Sequence[Keyframe],
+    loops: Sequence[Loop],
+    poses: FloatArray,
+    config: MapperConfig | None = None,
+) -> PoseGraph:
+    """The pose graph of keyframes at poses (K, 3): the steps between them, then the loops."""
+    config, graph = config or MapperConfig(), PoseGraph()
+    for pose in poses:
+        graph.add_node(SE2.from_array(pose))
+    for index, keyframe in enumerate(keyframes[1:], start=1):
+        information = _information(keyframe, config.step_sigma)
+        graph.add_edge(index - 1, index, keyframe.T_before, information)
+    for loop in loops:
+        graph.add_edge(
+            loop.earlier, loop.later, loop.T_earlier_later, loop.information, EdgeKernel.LOOP
+        )
+    return graph
+
+
+def _information(keyframe: Keyframe, step_sigma: tuple[float, float, float]) -> FloatArray:
+    """(3, 3) of the way from the keyframe before."""
+    own = np.diag(np.square(step_sigma))
+    return np.asarray(np.linalg.inv(keyframe.covariance + own))

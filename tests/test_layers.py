@@ -73,7 +73,7 @@ RANKS = (
         "matchers",
         "calibration",
     },
-    {"localization", "mapping"},
+    {"localization", "mapping", "slam_map_files"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

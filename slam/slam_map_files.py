@@ -1,0 +1,183 @@
+"""Maps kept in a file: keyframes, loops and every scan's place, to be localised in or continued."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.front_end import FrontEndStep, Keyframe, StepStatus
+from slam.loop_closing import Loop
+from slam.map_consistency import MapVerdict
+from slam.mapping import SlamMap, graph_of
+from slam.se2 import SE2
+from slam.whole_files import write_whole
+
+VERSION = 1
+_KIND = "kitasap slam map"
+_DATE = (1980, 1, 1, 0, 0, 0)
+"""Of the members: equal maps make equal bytes."""
+_STATUSES = tuple(StepStatus)
+_Arrays = dict[str, np.ndarray]
+
+
+def write_slam_map(path: str | Path, slam_map: SlamMap) -> None:
+    """Writes a map into one file, a zip of NumPy arrays. It is there whole or not at all.
+
+    Raises OSError when the folder cannot be written.
+    """
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in _arrays_of(slam_map).items():
+            member = io.BytesIO()
+            np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
+            info = zipfile.ZipInfo(f"{name}.npy", _DATE)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(info, member.getvalue())
+    write_whole(Path(path), content.getvalue())
+
+
+def read_slam_map(path: str | Path) -> SlamMap:
+    """The map in a file of `write_slam_map`.
+
+    Raises ValueError, one line that names the file, for one that is cut, damaged, of another kind
+    or of a later version; OSError when it cannot be opened.
+    """
+    path = Path(path)
+    content = path.read_bytes()
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            arrays = {
+                name.removesuffix(".npy"): np.lib.format.read_array(
+                    io.BytesIO(archive.read(name)), allow_pickle=False
+                )
+                for name in archive.namelist()
+            }
+        kind = str(arrays["kind"])
+    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+        raise ValueError(
+            f"{path.name}: expected a map written by this library, and it is cut, damaged or"
+            f" something else ({error})"
+        ) from None
+    if kind != _KIND:
+        raise ValueError(f"{path.name}: expected a {_KIND}, not a {kind!r}")
+    if int(arrays["version"]) != VERSION:
+        raise ValueError(
+            f"{path.name}: its version is {int(arrays['version'])}, and this library reads"
+            f" {VERSION}: install the one that wrote it"
+        )
+    try:
+        return _map_of(arrays)
+    except (KeyError, IndexError, ValueError) as error:
+        raise ValueError(f"{path.name}: the arrays in it do not make a map ({error})") from None
+
+
+def _arrays_of(slam_map: SlamMap) -> _Arrays:
+    keyframes, steps, verdict = slam_map.keyframes, slam_map.steps, slam_map.verdict
+    loops = (*slam_map.loops, *slam_map.rejected)
+    return {
+        "kind": np.array(_KIND),
+        "version": np.array(VERSION),
+        "poses": slam_map.poses,
+        "keyframe_times_s": np.array([one.time_s for one in keyframes]),
+        "keyframe_poses": _poses([one.T_map_base for one in keyframes]),
+        "keyframe_ways": _poses([one.T_before for one in keyframes]),
+        "keyframe_covariances": _stacked([one.covariance for one in keyframes], (0, 3, 3)),
+        "keyframe_is_break": np.array([one.is_break for one in keyframes], dtype=np.bool_),
+        "point_counts": np.array([len(one.points) for one in keyframes], dtype=np.int64),
+        "points": _joined([one.points for one in keyframes], (0, 2)),
+        "beam_counts": np.array([len(one.beams) for one in keyframes], dtype=np.int64),
+        "beam_origins_m": _joined([one.beams.origins_m for one in keyframes], (0, 2)),
+        "beam_angles_rad": _joined([one.beams.angles_rad for one in keyframes], (0,)),
+        "beam_ranges_m": _joined([one.beams.ranges_m for one in keyframes], (0,)),
+        "loop_ends": np.array([(o.earlier, o.later) for o in loops], np.int64).reshape(-1, 2),
+        "loop_ways": _poses([one.T_earlier_later for one in loops]),
+        "loop_information": _stacked([one.information for one in loops], (0, 3, 3)),
+        "loop_ratios": np.array([(o.inlier_ratio, o.passed_ratio) for o in loops]).reshape(-1, 2),
+        "loops_kept": np.array(len(slam_map.loops)),
+        "step_times_s": np.array([one.time_s for one in steps]),
+        "step_keyframes": np.array([one.keyframe for one in steps], dtype=np.int64),
+        "step_ways": _poses([one.T_keyframe_base for one in steps]),
+        "step_poses": _poses([one.T_map_base for one in steps]),
+        "step_statuses": np.array([_STATUSES.index(one.status) for one in steps], dtype=np.int64),
+        "step_inliers": np.array([one.inlier_ratio for one in steps]),
+        "step_is_keyframe": np.array([one.is_keyframe for one in steps], dtype=np.bool_),
+        "verdict": np.array(
+            [verdict.is_good, verdict.passed_ratio, verdict.bad_pairs, verdict.pairs], dtype=float
+        ),
+        "verdict_reasons": np.array(verdict.reasons, dtype=np.str_),
+    }
+
+
+def _map_of(arrays: _Arrays) -> SlamMap:
+    points = _split(arrays["points"], arrays["point_counts"])
+    beams = [
+        Beams(*parts)
+        for parts in zip(
+            *(
+                _split(arrays[name], arrays["beam_counts"])
+                for name in ("beam_origins_m", "beam_angles_rad", "beam_ranges_m")
+            ),
+            strict=True,
+        )
+    ]
+    keyframes = tuple(
+        Keyframe(
+            float(time_s), SE2.from_array(pose), SE2.from_array(way), covariance, cloud, fan,
+            bool(is_break),
+        )
+        for time_s, pose, way, covariance, cloud, fan, is_break in zip(
+            arrays["keyframe_times_s"], arrays["keyframe_poses"], arrays["keyframe_ways"],
+            arrays["keyframe_covariances"], points, beams, arrays["keyframe_is_break"], strict=True,
+        )
+    )  # fmt: skip
+    loops = tuple(
+        Loop(int(ends[0]), int(ends[1]), SE2.from_array(way), information, *map(float, ratios))
+        for ends, way, information, ratios in zip(
+            arrays["loop_ends"], arrays["loop_ways"], arrays["loop_information"],
+            arrays["loop_ratios"], strict=True,
+        )
+    )  # fmt: skip
+    steps = tuple(
+        FrontEndStep(
+            float(time_s), int(keyframe), SE2.from_array(way), SE2.from_array(pose),
+            _STATUSES[int(status)], float(inliers), bool(is_keyframe),
+        )
+        for time_s, keyframe, way, pose, status, inliers, is_keyframe in zip(
+            arrays["step_times_s"], arrays["step_keyframes"], arrays["step_ways"],
+            arrays["step_poses"], arrays["step_statuses"], arrays["step_inliers"],
+            arrays["step_is_keyframe"], strict=True,
+        )
+    )  # fmt: skip
+    kept, numbers = int(arrays["loops_kept"]), arrays["verdict"]
+    verdict = MapVerdict(
+        bool(numbers[0]), float(numbers[1]), float(numbers[2]), int(numbers[3]),
+        tuple(str(reason) for reason in arrays["verdict_reasons"]),
+    )  # fmt: skip
+    poses = arrays["poses"]
+    if poses.shape != (len(keyframes), 3):
+        raise ValueError(f"{len(keyframes)} keyframes with poses of shape {poses.shape}")
+    graph = graph_of(keyframes, loops, poses)
+    return SlamMap(keyframes, poses, loops[:kept], loops[kept:], graph, steps, verdict)
+
+
+def _poses(poses: list[SE2]) -> FloatArray:
+    return np.array([pose.as_array() for pose in poses], dtype=np.float64).reshape(-1, 3)
+
+
+def _stacked(arrays: list[FloatArray], empty: tuple[int, ...]) -> FloatArray:
+    return np.stack(arrays) if arrays else np.zeros(empty)
+
+
+def _joined(arrays: list[FloatArray], empty: tuple[int, ...]) -> FloatArray:
+    return np.concatenate(arrays) if arrays else np.zeros(empty)
+
+
+def _split(array: np.ndarray, counts: np.ndarray) -> list[np.ndarray]:
+    if counts.sum() != len(array):
+        raise ValueError(f"{len(array)} rows for {counts.sum()} told")
+    return np.split(array, np.cumsum(counts)[:-1]) if len(counts) else []

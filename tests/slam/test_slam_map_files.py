@@ -1,0 +1,77 @@
+"""Maps in files: what is read is what was written, and what is none is refused."""
+
+import numpy as np
+import pytest
+
+from slam.mapping import Mapper, SlamMap
+from slam.slam_map_files import read_slam_map, write_slam_map
+from tests.slam import ring
+
+
+@pytest.fixture(scope="module")
+def slam_map() -> SlamMap:
+    mapper = Mapper(ring.T_BASE_LASER)
+    for measurement in ring.drive(ring.way(1.2, 0.3), np.random.default_rng(0)):
+        mapper.update(measurement)
+    return mapper.finish()
+
+
+def test_map_read_and_written_again_has_the_same_bytes(slam_map, tmp_path):
+    write_slam_map(tmp_path / "one.kitasap", slam_map)
+    again = read_slam_map(tmp_path / "one.kitasap")
+    write_slam_map(tmp_path / "two.kitasap", again)
+    assert (tmp_path / "one.kitasap").read_bytes() == (tmp_path / "two.kitasap").read_bytes()
+
+
+def test_map_read_is_the_one_written(slam_map, tmp_path):
+    assert slam_map.loops
+    write_slam_map(tmp_path / "map.kitasap", slam_map)
+    again = read_slam_map(tmp_path / "map.kitasap")
+    np.testing.assert_array_equal(again.trajectory.poses, slam_map.trajectory.poses)
+    np.testing.assert_array_equal(again.points, slam_map.points)
+    np.testing.assert_array_equal(again.grid().cells, slam_map.grid().cells)
+    assert again.verdict == slam_map.verdict
+    assert [loop.later for loop in again.loops] == [loop.later for loop in slam_map.loops]
+    # the graph as well: solved again it stays where it is
+    np.testing.assert_allclose(again.graph.solve().poses, slam_map.graph.solve().poses, atol=1e-9)
+
+
+def test_empty_map_is_kept_too(tmp_path):
+    write_slam_map(tmp_path / "map.kitasap", Mapper(ring.T_BASE_LASER).finish())
+    assert read_slam_map(tmp_path / "map.kitasap").poses.shape == (0, 3)
+
+
+def test_file_cut_anywhere_or_changed_is_refused_by_name(slam_map, tmp_path):
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, slam_map)
+    whole = path.read_bytes()
+    for share in (0.0, 0.1, 0.5, 0.9, 0.999):
+        path.write_bytes(whole[: int(share * len(whole))])
+        with pytest.raises(ValueError, match=r"map\.kitasap: expected a map"):
+            read_slam_map(path)
+    middle = len(whole) // 2
+    path.write_bytes(whole[:middle] + bytes(200) + whole[middle + 200 :])
+    with pytest.raises(ValueError, match=r"map\.kitasap"):
+        read_slam_map(path)
+
+
+def test_later_version_is_refused(slam_map, tmp_path, monkeypatch):
+    monkeypatch.setattr("slam.slam_map_files.VERSION", 2)
+    write_slam_map(tmp_path / "map.kitasap", slam_map)
+    monkeypatch.setattr("slam.slam_map_files.VERSION", 1)
+    with pytest.raises(ValueError, match="its version is 2, and this library reads 1"):
+        read_slam_map(tmp_path / "map.kitasap")
+
+
+def test_old_map_is_whole_when_writing_fails(slam_map, tmp_path, monkeypatch):
+    path = tmp_path / "map.kitasap"
+    path.write_bytes(b"the old one")
+
+    def fails(*_: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr("slam.whole_files.os.replace", fails)
+    with pytest.raises(OSError, match="disk full"):
+        write_slam_map(path, slam_map)
+    assert path.read_bytes() == b"the old one"
+    assert [one.name for one in tmp_path.iterdir()] == ["map.kitasap"]
