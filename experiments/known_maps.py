@@ -17,6 +17,7 @@ from slam.laser_model import LaserModel
 from slam.localization import Localizer
 from slam.lost import Guard, GuardConfig
 from slam.map_files import read_map
+from slam.mapping import SlamMap
 from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
 from slam.measurements import Measurement
 from slam.occupancy_grid import OccupancyGrid
@@ -26,6 +27,7 @@ from slam.ray_counts import still_standing
 from slam.relocalization import FreeSpace, Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.slam_map_files import read_slam_map
 from slam.surfel_grid import SurfelGrid
 from slam.surfels import surfel_map
 
@@ -139,8 +141,29 @@ def points_of_scans(
     return point_map.points
 
 
+def map_of_slam(slam_map: SlamMap, laser: LaserModel, spacing_m: float = 0.02) -> KnownMap:
+    """The map that the robot made itself; what has gone since is left out.
+
+    Raises ValueError for one without a point.
+    """
+    point_map = PointMap(np.empty((0, 2)), spacing_m)
+    seen = []
+    for pose, keyframe in zip(slam_map.poses, slam_map.keyframes, strict=True):
+        T_map_base = SE2.from_array(pose)
+        beams = keyframe.beams.cut(laser.range_max_m)
+        seen.append((T_map_base, beams))
+        point_map.integrate(T_map_base @ beams.points)
+    if len(point_map.points) == 0:
+        raise ValueError("the map has no point: nothing to localise by")
+    points = point_map.points
+    return KnownMap(points[still_standing(points, seen)], laser, spacing_m=spacing_m)
+
+
 def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
-    """A ROS map. Raises ValueError or OSError for a file that is none, or shows no wall."""
+    """A ROS map, or one of ours. Raises ValueError or OSError for a file that is none, or shows no
+    wall."""
+    if path.suffix == ".kitasap":
+        return map_of_slam(read_slam_map(path), laser)
     grid = read_map(path)
     if not grid.is_occupied.any():
         raise ValueError(

@@ -58,6 +58,13 @@ class Beams:
         )
         return Beams(self.origins_m, self.angles_rad, ranges_m)
 
+    def cut(self, range_max_m: float) -> Beams:
+        """The same beams, of which those that end farther [m] have no return."""
+        is_far = self.ranges_m > range_max_m
+        if not is_far.any():
+            return self
+        return Beams(self.origins_m, self.angles_rad, np.where(is_far, np.inf, self.ranges_m))
+
     @cached_property
     def directions(self) -> FloatArray:
         """(N, 2) unit vectors."""

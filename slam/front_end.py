@@ -139,11 +139,7 @@ class FrontEnd:
         return straightener.beams(scan)
 
     def _points(self, beams: Beams) -> FloatArray:
-        is_far = beams.ranges_m > self.config.range_max_m
-        if not is_far.any():
-            return beams.points
-        near = Beams(beams.origins_m, beams.angles_rad, np.where(is_far, np.inf, beams.ranges_m))
-        return near.points
+        return beams.cut(self.config.range_max_m).points
 
     def _placed(
         self, measurement: Measurement, points: FloatArray, T_last: SE2, T_predicted: SE2

@@ -69,7 +69,9 @@ def _relocalized(
 
 
 def localize(
-    known_map: Annotated[Path, typer.Argument(metavar="MAP", help="A ROS map, its .yaml file.")],
+    known_map: Annotated[
+        Path, typer.Argument(metavar="MAP", help="A ROS map (.yaml) or map.kitasap.")
+    ],
     log: Log,
     start: Annotated[
         tuple[float, float, float] | None,

@@ -61,3 +61,22 @@ def test_foreign_file_is_refused_in_one_line(tmp_path, capsys, content):
     path.write_text(content)
     assert "foreign.clf" in refusal(capsys, "slam", path, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_robot_finds_itself_on_the_map_it_made(folder, tmp_path):
+    arguments = ["localize", str(folder / "map.kitasap"), str(LOG), "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["start"] is None
+    assert summary["tracking"] > 0.5 * summary["scans"]
+    there, here = (read_tum(one / "trajectory.tum") for one in (folder, tmp_path))
+    times_s = here.times_s[-10:]
+    rows = [int(np.argmin(np.abs(there.times_s - time_s))) for time_s in times_s]
+    off_m = np.hypot(*(there.poses[rows, :2] - here.poses[-10:, :2]).T)
+    assert off_m.max() < 0.15
+
+
+def test_map_that_is_cut_is_refused_in_one_line(folder, tmp_path, capsys):
+    path = tmp_path / "map.kitasap"
+    path.write_bytes((folder / "map.kitasap").read_bytes()[:1000])
+    assert "map.kitasap: expected a map" in refusal(capsys, "localize", path, LOG)
