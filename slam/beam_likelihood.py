@@ -58,7 +58,7 @@ class BeamConfig:
     blurs_m: tuple[float, ...] = (0.02, 0.003)
     max_steps: int = 12
     tolerance_sigmas: float = 0.5
-    smooth_sigmas: float = 3.0
+    smooth_sigmas: float = 2.0
     smooth_bend: float = 1.0
     edge_nodes: int = 33
     edge_reach_sigmas: float = 3.5
@@ -261,7 +261,7 @@ def fisher_information(
     look(
         segment_map.normals, segment_map.sigma_m, beams.origins_m, beams.directions, ranges_m,
         laser.noise_table, np.array([-np.inf, np.inf]), _NO_OUTLIERS, 0.0, T_map_base.theta,
-        ranges_m, hit_walls, counted, False, information, pull, sums,
+        ranges_m, hit_walls, counted, information, pull, sums,
     )  # fmt: skip
     return information
 

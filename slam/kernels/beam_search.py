@@ -10,7 +10,7 @@ from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
 from slam.kernels.beam_likelihood import OFFSET_CROSS, OFFSET_PULL, keep_smooth, look
 from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
-from slam.kernels.normal_equations import covariance_into, inverted, moved, solved
+from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
 
 _BLUR_OF_POSTERIOR = 0.5
@@ -75,7 +75,7 @@ def climb(
         )  # fmt: skip
         look(
             wall_normals, wall_sigmas, origins, directions, measured, noise, limits,
-            outliers, blur, pose[2], predicted, hit_walls, is_kept, False, information, pull, sums,
+            outliers, blur, pose[2], predicted, hit_walls, is_kept, information, pull, sums,
         )  # fmt: skip
         solved(information, pull, step)
         length = math.sqrt(max(float(step @ pull), 0.0))
@@ -92,7 +92,7 @@ def climb(
     )  # fmt: skip
     look(
         wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, blur,
-        pose[2], predicted, hit_walls, is_kept, False, information, pull, sums,
+        pose[2], predicted, hit_walls, is_kept, information, pull, sums,
     )  # fmt: skip
     return max_steps, length <= _SHORT_STEP
 
@@ -206,15 +206,10 @@ def sharpen(
         inverted(information), smoothness[0], smoothness[1], bearings, predicted, hit_walls, is_kept,
     )  # fmt: skip
     # smooth beams are straight over the uncertainty: one step is all they need
-    covariance = np.empty((3, 3))
-    for is_curved in (True, False):
-        look(
-            wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, 0.0,
-            pose[2], predicted, hit_walls, is_kept, is_curved, information, pull, sums,
-        )  # fmt: skip
-        # positive definite (Sylvester's minors), but far from a maximum: then Gauss-Newton's
-        if covariance_into(information, covariance) and covariance[2, 2] > 0.0:
-            break
+    look(
+        wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, 0.0,
+        pose[2], predicted, hit_walls, is_kept, information, pull, sums,
+    )  # fmt: skip
     solved(information, pull, step)
     moved(pose, step)
     pull_offset(sums, step)
