@@ -82,6 +82,7 @@ def look(
     predicted: FloatArray,
     hit_walls: IntArray,
     is_kept: BoolArray,
+    is_curved: bool,
     information: FloatArray,
     pull: FloatArray,
     sums: FloatArray,
@@ -96,6 +97,9 @@ def look(
     measures. outliers: (2,) odds of an outlier against a good beam, per metre of range; and of a
     mixed pixel, anywhere between its wall and that of a neighbour.
     blur: standard deviation [m] of the position, across its wall, added to every beam.
+    is_curved: the information counts how the weights change too, as the likelihood's own second
+    derivative does: a beam that may or may not be an outlier tells less than its weight. Away from
+    the maximum it may be negative, which that of Gauss-Newton never is.
     information: (3, 3), pull: (3,), sums: (SUM_COUNT,) results.
     """
     information[:] = 0.0
@@ -147,21 +151,25 @@ def look(
         weight = bell / (bell + _ROOT_TWO_PI * density * deviation)
         gx, gy = -nx / cosine, -ny / cosine
         gt = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
+        curvature = weight
+        if is_curved:
+            curvature *= 1.0 - (1.0 - weight) * squared
         weight /= variance
-        sums[OFFSET_INFORMATION] += weight
+        curvature /= variance
+        sums[OFFSET_INFORMATION] += curvature
         sums[OFFSET_PULL] += weight * residual
-        sums[OFFSET_CROSS] += weight * gx
-        sums[OFFSET_CROSS + 1] += weight * gy
-        sums[OFFSET_CROSS + 2] += weight * gt
+        sums[OFFSET_CROSS] += curvature * gx
+        sums[OFFSET_CROSS + 1] += curvature * gy
+        sums[OFFSET_CROSS + 2] += curvature * gt
         px += weight * residual * gx
         py += weight * residual * gy
         pt += weight * residual * gt
-        xx += weight * gx * gx
-        xy += weight * gx * gy
-        xt += weight * gx * gt
-        yy += weight * gy * gy
-        yt += weight * gy * gt
-        tt += weight * gt * gt
+        xx += curvature * gx * gx
+        xy += curvature * gx * gy
+        xt += curvature * gx * gt
+        yy += curvature * gy * gy
+        yt += curvature * gy * gt
+        tt += curvature * gt * gt
     pull[0], pull[1], pull[2] = px, py, pt
     information[0, 0], information[1, 1], information[2, 2] = xx, yy, tt
     information[0, 1] = information[1, 0] = xy

@@ -15,6 +15,7 @@ from slam.beam_likelihood import (
     match_beams,
 )
 from slam.beams import Beams
+from slam.kernels.beam_likelihood import OFFSET_INFORMATION, SUM_COUNT, look
 from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
@@ -265,6 +266,38 @@ def test_smooth_beams_alone_err_anew_in_every_scan_from_one_pose():
         means.append(25.0 * mean @ np.mean(claimed, axis=0) @ mean)
     # 8 draws of chi-square(3): a mean of 3 to 0.9, three of these; in room_fig4 it is 35 with edges
     assert np.mean(means) < 5.7
+
+
+def test_curved_information_is_the_second_derivative_of_the_log_likelihood():
+    # a wall seen head on, its ranges straight in x: nothing but the weights bends the likelihood
+    rng, density = np.random.default_rng(4), 0.5
+    segment_map = SegmentMap([[[2.0, -1.0], [2.0, 1.0]]])
+    angles_rad = np.radians(np.arange(-20.0, 20.5, 0.5))
+    true_m = 2.0 / np.cos(angles_rad)
+    measured_m = true_m + SIGMA_M * 1.5 * rng.standard_normal(len(true_m))
+    beams = Beams(np.zeros((len(true_m), 2)), angles_rad, measured_m)
+    off_m = [2e-5 * k for k in (-1, 0, 1)]
+    likelihoods = []
+    for x in off_m:
+        z = (measured_m - (2.0 - x) / np.cos(angles_rad)) / SIGMA_M
+        bells = np.exp(-0.5 * z**2) / (SIGMA_M * math.sqrt(2.0 * math.pi))
+        likelihoods.append(np.log(bells + density).sum())
+    expected = -(likelihoods[0] - 2.0 * likelihoods[1] + likelihoods[2]) / 2e-5**2
+    found = {}
+    for is_curved in (False, True):
+        information, pull, sums = np.zeros((3, 3)), np.zeros(3), np.zeros(SUM_COUNT)
+        ranges_m, hit_walls = segment_map.ranges(beams, SE2.identity(), 10.0)
+        look(
+            segment_map.normals, segment_map.sigma_m, beams.origins_m, beams.directions, measured_m,
+            np.array([[1.0, SIGMA_M]]), np.array([0.0, 10.0]), np.array([density, 0.0]), 0.0, 0.0,
+            ranges_m, hit_walls, np.ones(len(beams), dtype=np.bool_), is_curved, information, pull, sums,
+        )  # fmt: skip
+        found[is_curved] = information[0, 0]
+        assert sums[OFFSET_INFORMATION] <= found[is_curved]
+        slope = (likelihoods[2] - likelihoods[0]) / 4e-5
+        assert pull[0] == pytest.approx(slope, rel=1e-4)
+    assert found[True] == pytest.approx(expected, rel=1e-4)
+    assert found[False] > 1.02 * expected
 
 
 def test_side_walls_of_a_corridor_tell_nothing_along_it():
