@@ -88,6 +88,9 @@ def run(
     on_scan: told of each scan's number, how many there are, and its step. Raises ValueError for
     files that are not what they should be, OSError for unreadable ones.
     """
+    # refused now rather than after the log
+    against = None if reference is None else read_tum(reference)
+    related = None if relations is None else read_relations(relations)
     log = read_log(log_path)
     mapper, index, slowest_s = Mapper(log.T_base_laser), 0, 0.0
     started_s = time.process_time()
@@ -113,8 +116,9 @@ def run(
         log, np.array(times_s), np.array(odometry), np.array(scan_rows), slam_map.trajectory
     )
     evaluation = None
-    if reference is not None or relations is not None:
-        evaluation = _evaluated(trajectory, reference, relations)
+    if against is not None or related is not None:
+        name = None if relations is None else relations.name
+        evaluation = evaluated(trajectory, against, related, relations_of=name)
     return SlamLog(log.name, slam_map, trajectory, online_s, finish_s, slowest_s, evaluation)
 
 
@@ -137,17 +141,6 @@ def _of_records(
     poses = lookup.at(rows)
     is_placed = np.isfinite(poses).all(axis=1)
     return Trajectory(times_s[is_placed], poses[is_placed])
-
-
-def _evaluated(
-    trajectory: Trajectory, reference: Path | None, relations: Path | None
-) -> Evaluation:
-    return evaluated(
-        trajectory,
-        None if reference is None else read_tum(reference),
-        None if relations is None else read_relations(relations),
-        relations_of=None if relations is None else relations.name,
-    )
 
 
 def write_results(result: SlamLog, folder: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.measurements import Measurement
+from slam.measurements import LaserScan, Measurement
 from slam.odometry import compose_covariance
 from slam.se2 import SE2
 from slam.straightening import Straightener
@@ -33,13 +33,12 @@ class FrontEndConfig:
 
     window: keyframes that the surfaces are learnt from. keyframe_m, keyframe_rad: motion after
     which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
-    itself.
-    good_inlier_ratio: below it, the scan is looked for where the wheels count less, by trust of
-    their normalised innovation squared, and all around, within reach_m and reach_rad.
+    itself. good_inlier_ratio: below it, the scan is looked for where the wheels count less, by
+    trust of their normalised innovation squared, and all around, within reach_m and reach_rad.
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
     pose found around must be better. break_sigma: (m, m, rad) by which the wheels may be wrong
-    where the scans broke off. min_points: fewer tell nothing. range_max_m: farther ends of beams are left
-    out. Chosen, all of these.
+    where the scans broke off. min_points: fewer tell nothing. range_max_m: farther ends of beams
+    are left out. Chosen, all of these.
     """
 
     surfaces: SurfaceMapConfig = field(default_factory=SurfaceMapConfig)
@@ -102,12 +101,12 @@ class FrontEnd:
         self._window: deque[FloatArray] = deque()
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
-        self._last_ranges: FloatArray | None = None
+        self._last_scan: LaserScan | None = None
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
         beams = self._beams(measurement)
-        points = self._points(beams)
+        points = beams.cut(self.config.range_max_m).points
         T_last = self.T_map_base
         T_predicted = T_last @ measurement.motion
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
@@ -138,18 +137,13 @@ class FrontEnd:
         )
         return straightener.beams(scan)
 
-    def _points(self, beams: Beams) -> FloatArray:
-        return beams.cut(self.config.range_max_m).points
-
     def _placed(
         self, measurement: Measurement, points: FloatArray, T_last: SE2, T_predicted: SE2
     ) -> tuple[SurfaceMatch | None, StepStatus]:
         """The match of a scan to be believed, if there is one."""
-        config, ranges_m = self.config, measurement.scan.ranges_m
-        is_frozen = self._last_ranges is not None and np.array_equal(
-            ranges_m, self._last_ranges, equal_nan=True
-        )
-        self._last_ranges = ranges_m
+        config, scan, last = self.config, measurement.scan, self._last_scan
+        self._last_scan = scan
+        is_frozen = last is not None and scan.repeats(last)
         if len(points) < config.min_points or is_frozen or not self._window:
             return None, StepStatus.CARRIED
         odometry = np.asarray(np.linalg.inv(self._P), dtype=np.float64)

@@ -191,7 +191,7 @@ class Localizer:
         """The scan matched, and what to make of it; while lost, searched for all over the map. What
         is to be said of the scan itself as well."""
         guard, scan = self.guard, measurement.scan
-        if self._is_repeated(measurement):
+        if self._last is not None and measurement.scan.repeats(self._last.scan):
             # the same noise twice is no second look: it would be counted as one
             if guard is not None:
                 guard.carry(moved)
@@ -271,10 +271,3 @@ class Localizer:
         low, high = self.config.match_scales
         scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
         self._match_scale = min(max(scale, low), high)
-
-    def _is_repeated(self, measurement: Measurement) -> bool:
-        """True where a laser that froze gives the last scan once more, bit for bit."""
-        if self._last is None:
-            return False
-        now, before = measurement.scan.ranges_m, self._last.scan.ranges_m
-        return bool(np.isfinite(now).any() and np.array_equal(now, before, equal_nan=True))

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray
+from slam.contradictions import passed
 from slam.front_end import Keyframe
-from slam.kernels.visibility import contradictions
 from slam.se2 import SE2, wrap_angle
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
 
@@ -25,7 +24,7 @@ class LoopConfig:
     each is compared with; apart: keyframes between two of them. half: keyframes to either side that
     make a submap. search_m, search_rad: around the pose told, beside its uncertainty; max_search_m:
     at most. least_seen_ratio, least_inlier_ratio: of a verified match. most_passed: share of the
-    points in view that the other's beams went through. least_held: information along the weakest
+    points in view that the other's beams went through, by margins [m] and as a share. least_held: information along the weakest
     direction, of that along the strongest. sigma: (m, m, rad) beside what the match says of itself.
     Chosen, all of these.
     """
@@ -42,8 +41,7 @@ class LoopConfig:
     least_seen_ratio: float = 0.6
     least_inlier_ratio: float = 0.85
     most_passed: float = 0.06
-    margin_m: float = 0.15
-    margin_share: float = 0.02
+    margins: tuple[float, float] = (0.15, 0.02)
     least_held: float = 0.02
     sigma: tuple[float, float, float] = (0.01, 0.01, 0.003)
 
@@ -68,47 +66,37 @@ class LoopCloser:
     ) -> None:
         self.config = config or LoopConfig()
         self._surfaces = SurfaceMap(surfaces)
-        self.tried = 0
 
     def found(
         self,
         keyframes: Sequence[Keyframe],
         poses: FloatArray,
-        sigmas: FloatArray | None = None,
-        asked: Sequence[int] | None = None,
+        asked: Sequence[int],
+        sigma: tuple[float, float] = (0.0, 0.0),
     ) -> list[Loop]:
         """The verified loops among keyframes at poses (K, 3).
 
-        sigmas: (K, 2) how uncertain each pose is as seen from the others [m], [rad]; None: not.
-        asked: which keyframes are compared with all before them; None: every second.
+        asked: which are compared with all before them. sigma: how uncertain their poses are as seen
+        from the others [m], [rad].
         """
-        if sigmas is None:
-            sigmas = np.zeros((len(keyframes), 2))
-        asked = range(0, len(keyframes), self.config.every) if asked is None else asked
-        loops = []
-        for later, earlier in self.proposed(poses, sigmas, asked):
-            self.tried += 1
-            loop = self.verified(keyframes, poses, earlier, later, sigmas[later])
-            if loop is not None:
-                loops.append(loop)
-        return loops
+        pairs = self.proposed(poses, asked, sigma[0])
+        loops = [self.verified(keyframes, poses, *pair, sigma) for pair in pairs]
+        return [loop for loop in loops if loop is not None]
 
     def proposed(
-        self, poses: FloatArray, sigmas: FloatArray, asked: Sequence[int]
+        self, poses: FloatArray, asked: Sequence[int], sigma_m: float
     ) -> list[tuple[int, int]]:
-        """Pairs (later, earlier) of keyframes that may have seen the same place."""
+        """Pairs (earlier, later) of keyframes that may have seen the same place."""
         config = self.config
         ways_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
         way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
-        tree = cKDTree(poses[:, :2])
+        radius_m = config.radius_m + min(2.0 * sigma_m, config.max_search_m)
         pairs = []
         for later in asked:
-            radius_m = config.radius_m + min(2.0 * sigmas[later, 0], config.max_search_m)
-            near = np.array(tree.query_ball_point(poses[later, :2], radius_m), dtype=np.int64)
-            near = near[(near < later) & (way_m[later] - way_m[near] > config.least_way_m)]
-            if not len(near):
-                continue
-            off_m = np.hypot(*(poses[near, :2] - poses[later, :2]).T)
+            off_m = np.hypot(*(poses[:later, :2] - poses[later, :2]).T)
+            is_far_back = way_m[later] - way_m[:later] > config.least_way_m
+            near = np.flatnonzero((off_m <= radius_m) & is_far_back)
+            off_m = off_m[near]
             turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
             chosen: list[int] = []
             for earlier in near[np.argsort(off_m + 0.5 * turned_rad, kind="stable")].tolist():
@@ -116,7 +104,7 @@ class LoopCloser:
                     chosen.append(earlier)
                 if len(chosen) == config.most:
                     break
-            pairs += [(later, earlier) for earlier in chosen]
+            pairs += [(earlier, later) for earlier in chosen]
         return pairs
 
     def verified(
@@ -125,7 +113,7 @@ class LoopCloser:
         poses: FloatArray,
         earlier: int,
         later: int,
-        sigma: FloatArray,
+        sigma: tuple[float, float],
     ) -> Loop | None:
         """The loop between two keyframes, if their scans agree that there is one."""
         members = self._members(keyframes, earlier)
@@ -164,7 +152,7 @@ class LoopCloser:
             last += 1
         return list(range(first, last + 1))
 
-    def _matched(self, keyframe: Keyframe, T_told: SE2, sigma: FloatArray) -> SurfaceMatch:
+    def _matched(self, keyframe: Keyframe, T_told: SE2, sigma: tuple[float, float]) -> SurfaceMatch:
         config, points = self.config, keyframe.points
         reach_m = config.search_m + min(2.0 * sigma[0], config.max_search_m)
         reach_rad = config.search_rad + min(2.0 * sigma[1], math.pi)
@@ -191,16 +179,9 @@ class LoopCloser:
         T_later: SE2,
     ) -> float:
         """Share of the points in view, to and fro, that the other's beams went through."""
-        seen = passed = 0
+        seen = through = 0
         for k in members[::4]:
             there = SE2.from_array(poses[k]).inverse() @ T_later
-            for points, of, pose in (
-                (keyframes[later].points, keyframes[k].beams, there),
-                (keyframes[k].points, keyframes[later].beams, there.inverse()),
-            ):
-                counts = contradictions(
-                    points, pose.as_array(), of.middle_m, of.angles_rad, of.ranges_m,
-                    self.config.margin_m, self.config.margin_share,
-                )  # fmt: skip
-                seen, passed = seen + counts[0], passed + counts[1]
-        return passed / max(seen, 1)
+            counts = passed(keyframes[later], keyframes[k], there, self.config.margins)
+            seen, through = seen + counts[0], through + counts[1]
+        return through / max(seen, 1)

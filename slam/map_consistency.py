@@ -10,10 +10,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray
+from slam.contradictions import passed
 from slam.front_end import Keyframe
-from slam.kernels.visibility import contradictions
 from slam.loop_closing import Loop
 from slam.se2 import SE2
+
+_FEW = 20
+"""Chosen: points in view, of two scans together, that say nothing of them."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +25,7 @@ class ConsistencyConfig:
 
     radius_m: keyframes so near to one another should agree; apart: unless so few lie between them.
     most_pairs: looked at. most_passed: share of the points in view, over all pairs, that another
-    scan's beams went through. bad_pair: a pair in which so many were, most_bad_pairs: share of such
+    scan's beams went through, by margins [m] and as a share. bad_pair: a pair in which so many were, most_bad_pairs: share of such
     pairs. most_rejected: share of the loops that the others contradict. Chosen on maps of four
     buildings and on the same maps with errors put in.
     """
@@ -34,8 +37,7 @@ class ConsistencyConfig:
     bad_pair: float = 0.25
     most_bad_pairs: float = 0.02
     most_rejected: float = 0.35
-    margin_m: float = 0.25
-    margin_share: float = 0.03
+    margins: tuple[float, float] = (0.25, 0.03)
 
 
 @dataclass(frozen=True)
@@ -106,19 +108,10 @@ def _contradicted(
     seen_all = passed_all = bad = asked = 0
     for one, other in found.tolist():
         there = SE2.from_array(poses[other]).inverse() @ SE2.from_array(poses[one])
-        seen = passed = 0
-        for points, of, pose in (
-            (keyframes[one].points, keyframes[other].beams, there),
-            (keyframes[other].points, keyframes[one].beams, there.inverse()),
-        ):
-            counts = contradictions(
-                points, pose.as_array(), of.middle_m, of.angles_rad, of.ranges_m,
-                config.margin_m, config.margin_share,
-            )  # fmt: skip
-            seen, passed = seen + counts[0], passed + counts[1]
-        if seen < 20:
+        seen, through = passed(keyframes[one], keyframes[other], there, config.margins)
+        if seen < _FEW:
             continue
         asked += 1
-        bad += passed > config.bad_pair * seen
-        seen_all, passed_all = seen_all + seen, passed_all + passed
+        bad += through > config.bad_pair * seen
+        seen_all, passed_all = seen_all + seen, passed_all + through
     return passed_all / max(seen_all, 1), bad / max(asked, 1), asked

@@ -18,6 +18,9 @@ from slam.pose_graph import EdgeKernel, PoseGraph, PoseGraphConfig, PoseGraphSol
 from slam.se2 import SE2
 from slam.trajectory import Trajectory
 
+_TORN_M = 100.0
+"""Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
+
 
 @dataclass(frozen=True)
 class MapperConfig:
@@ -115,7 +118,6 @@ class Mapper:
         self._steps: list[FrontEndStep] = []
         self._has_new = False
         self._since_loop_m = 0.0
-        self._sigmas: list[tuple[float, float]] = []
 
     def update(self, measurement: Measurement) -> MapperStep:
         """Places one scan, and closes the loops that it shows."""
@@ -135,7 +137,8 @@ class Mapper:
         if self._loops:
             self._solve()
             known = {(loop.earlier, loop.later) for loop in self._loops}
-            found = self._closer.found(keyframes, self._graph.poses)
+            asked = range(0, len(keyframes), self.config.loops.every)
+            found = self._closer.found(keyframes, self._graph.poses, asked)
             self._take([one for one in found if (one.earlier, one.later) not in known])
             is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
             is_rejected[self._solve().rejected_loops()] = True
@@ -152,12 +155,7 @@ class Mapper:
     def _take(self, loops: list[Loop]) -> None:
         """Makes loops part of the pose graph."""
         for loop in loops:
-            self._loop_edges.append(
-                self._graph.add_edge(
-                    loop.earlier, loop.later, loop.T_earlier_later, loop.information,
-                    EdgeKernel.LOOP,
-                )
-            )  # fmt: skip
+            self._loop_edges.append(_add_loop(self._graph, loop))
         self._loops += loops
 
     def _add_keyframe(self, keyframe: Keyframe) -> None:
@@ -167,21 +165,13 @@ class Mapper:
             self._graph.add_node(keyframe.T_map_base)
         else:
             self._graph.add_node(self._graph.pose(index - 1) @ keyframe.T_before)
-            information = _information(keyframe, config.step_sigma)
-            self._graph.add_edge(index - 1, index, keyframe.T_before, information)
+            _add_step(self._graph, index, keyframe, config.step_sigma)
             self._since_loop_m += math.hypot(keyframe.T_before.x, keyframe.T_before.y)
         if keyframe.is_break:
-            self._since_loop_m += 100.0
-        self._sigmas.append(
-            (
-                min(config.start_m + config.drift_m * self._since_loop_m, config.most_drift[0]),
-                min(config.start_rad + config.drift_rad * self._since_loop_m, config.most_drift[1]),
-            )
-        )
+            self._since_loop_m += _TORN_M
         if index % config.loops.every == 0:
-            sigmas = np.array(self._sigmas)
             found = self._closer.found(
-                self._front_end.keyframes, self._graph.poses, sigmas, [index]
+                self._front_end.keyframes, self._graph.poses, [index], self._drift()
             )
             if found:
                 self._take(found)
@@ -189,6 +179,14 @@ class Mapper:
         if self._has_new and index % config.solve_every == 0:
             self._solve(config.online_iterations)
             self._has_new = False
+
+    def _drift(self) -> tuple[float, float]:
+        """How far the last pose may be off as seen from those before the last loop [m], [rad]."""
+        config, way_m = self.config, self._since_loop_m
+        return (
+            min(config.start_m + config.drift_m * way_m, config.most_drift[0]),
+            min(config.start_rad + config.drift_rad * way_m, config.most_drift[1]),
+        )
 
     def _solve(self, max_iterations: int = 100) -> PoseGraphSolution:
         """Moves the poses to where steps and loops agree best, or on the way there."""
@@ -209,16 +207,23 @@ def graph_of(
     for pose in poses:
         graph.add_node(SE2.from_array(pose))
     for index, keyframe in enumerate(keyframes[1:], start=1):
-        information = _information(keyframe, config.step_sigma)
-        graph.add_edge(index - 1, index, keyframe.T_before, information)
+        _add_step(graph, index, keyframe, config.step_sigma)
     for loop in loops:
-        graph.add_edge(
-            loop.earlier, loop.later, loop.T_earlier_later, loop.information, EdgeKernel.LOOP
-        )
+        _add_loop(graph, loop)
     return graph
 
 
-def _information(keyframe: Keyframe, step_sigma: tuple[float, float, float]) -> FloatArray:
-    """(3, 3) of the way from the keyframe before."""
+def _add_step(
+    graph: PoseGraph, index: int, keyframe: Keyframe, step_sigma: tuple[float, float, float]
+) -> None:
+    """The way from the keyframe before."""
     own = np.diag(np.square(step_sigma))
-    return np.asarray(np.linalg.inv(keyframe.covariance + own))
+    information = np.linalg.inv(keyframe.covariance + own)
+    graph.add_edge(index - 1, index, keyframe.T_before, information)
+
+
+def _add_loop(graph: PoseGraph, loop: Loop) -> int:
+    """The number of the loop's edge."""
+    return graph.add_edge(
+        loop.earlier, loop.later, loop.T_earlier_later, loop.information, EdgeKernel.LOOP
+    )

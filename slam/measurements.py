@@ -83,6 +83,11 @@ class LaserScan:
         )
         return T_base_laser @ points_laser
 
+    def repeats(self, before: LaserScan) -> bool:
+        """True where a laser that froze gives the last scan once more, bit for bit."""
+        now, then = self.ranges_m, before.ranges_m
+        return bool(np.isfinite(now).any() and np.array_equal(now, then, equal_nan=True))
+
     def cut(self, range_max_m: float) -> LaserScan:
         """The same scan, in which what lies farther than range_max_m is no return."""
         ranges_m = np.where(self.ranges_m > range_max_m, np.inf, self.ranges_m)

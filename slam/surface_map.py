@@ -70,11 +70,7 @@ class SurfaceMap:
         self._is_due: BoolArray = np.zeros((levels, side, side), np.bool_)
         self._surfels: FloatArray = np.zeros((levels, side, side, 7))
         self._cells_m = np.array(self.config.cells_m)
-
-    @property
-    def reach_m(self) -> float:
-        """Points farther apart than twice that must not be in the map at once."""
-        return kernels.SIDE * self.config.cells_m[-1] / 2.0
+        self._stages = np.array(self.config.finest), np.array(self.config.scales_m)
 
     def add(self, points_map: FloatArray) -> None:
         """Takes up points (N, 2) [m], map frame."""
@@ -105,9 +101,9 @@ class SurfaceMap:
         held = odometry + 1e-6 * np.eye(3)
         kernels.align(
             self._sums, self._owners, self._is_due, self._surfels, self._cells_m, points,
-            config.sigma_m**2, config.pull if pull is None else pull, np.array(config.finest),
-            np.array(config.scales_m), T_predicted.as_array(), held, min(trust, 1e12),
-            config.max_steps, pose, information, stats,
+            config.sigma_m**2, config.pull if pull is None else pull, *self._stages,
+            T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
+            stats,
         )  # fmt: skip
         seen, count = stats[kernels.SEEN], max(len(points), 1)
         information *= config.share

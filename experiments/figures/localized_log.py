@@ -7,18 +7,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
-from matplotlib.transforms import Affine2D
 
 from experiments.figures.canvas import saved
+from experiments.figures.grid import draw_grid
 from experiments.localize import LocalizedLog
 from slam.localization import Estimate
-from slam.occupancy_grid import UNKNOWN, OccupancyGrid
 from slam.verdict import Status
 
 _COLOURS = {Status.TRACKING: "#0072b2", Status.UNSURE: "#e69f00", Status.LOST: "#d55e00"}
-_GREYS = ListedColormap(["#d9d9d9", "#ffffff", "#9a9a9a", "#333333"])
-"""Of cells that are unknown, free, neither, and occupied: as in RViz."""
 _WIDTH_IN, _STRIP_IN = 9.0, 1.1
 _TALLEST = 1.2
 """Of the map's panel, height by width."""
@@ -83,28 +79,13 @@ def _window(result: LocalizedLog) -> tuple[np.ndarray, np.ndarray]:
 
 def _draw_map(axis: Axes, result: LocalizedLog) -> None:
     if result.known.grid is not None:
-        _draw_grid(axis, result.known.grid)
+        draw_grid(axis, result.known.grid)
     else:
         axis.plot(*result.known.points.T, ".", ms=1, color="#333333", zorder=1)
     if len(result.last_points):
         axis.plot(
             *result.last_points.T, ".", ms=2.5, color="#cc79a7", zorder=2, label="last scan tracked"
         )
-
-
-def _draw_grid(axis: Axes, grid: OccupancyGrid) -> None:
-    rows, columns = grid.cells.shape
-    shades = np.full(grid.cells.shape, 2)
-    shades[grid.cells == UNKNOWN] = 0
-    shades[grid.is_free] = 1
-    shades[grid.is_occupied] = 3
-    pose, cell_m = grid.T_map_grid, grid.resolution_m
-    placed = Affine2D().scale(cell_m).rotate(pose.theta).translate(pose.x, pose.y)
-    axis.set_facecolor(_GREYS(0))
-    axis.imshow(
-        shades, cmap=_GREYS, vmin=0, vmax=3, origin="lower", extent=(0.0, columns, 0.0, rows),
-        interpolation="nearest", transform=placed + axis.transData, zorder=0,
-    )  # fmt: skip
 
 
 def _draw_way(axis: Axes, result: LocalizedLog) -> None:

@@ -5,15 +5,13 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
-from matplotlib.colors import ListedColormap
 
 from experiments.figures.canvas import saved
+from experiments.figures.grid import draw_grid
 from experiments.slam_log import SlamLog
 from slam.occupancy_grid import UNKNOWN
 from slam.se2 import SE2
 
-_GREYS = ListedColormap(["#d9d9d9", "#ffffff", "#9a9a9a", "#333333"])
-"""Of cells that are unknown, free, neither, and occupied: as in RViz."""
 _MARGIN_M = 1.0
 _WIDTH_IN = 9.0
 
@@ -25,20 +23,11 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     """
     slam_map = result.slam_map
     grid = slam_map.grid()
-    kinds = np.select([grid.cells == UNKNOWN, grid.is_free, grid.is_occupied], [0, 1, 3], default=2)
-    corner, (rows, columns) = grid.T_map_grid, grid.cells.shape
-    extent = (
-        corner.x, corner.x + columns * grid.resolution_m,
-        corner.y, corner.y + rows * grid.resolution_m,
-    )  # fmt: skip
-    known = np.argwhere(kinds > 0)
-    low = np.array([corner.x, corner.y]) + known.min(axis=0)[::-1] * grid.resolution_m - _MARGIN_M
-    high = np.array([corner.x, corner.y]) + known.max(axis=0)[::-1] * grid.resolution_m + _MARGIN_M
+    known = grid.centres_of(np.argwhere(grid.cells != UNKNOWN))
+    low, high = known.min(axis=0) - _MARGIN_M, known.max(axis=0) + _MARGIN_M
     ratio = min(max((high - low)[1] / (high - low)[0], 0.4), 1.3)
     figure, axes = plt.subplots(figsize=(_WIDTH_IN, _WIDTH_IN * ratio + 1.2), layout="constrained")
-    axes.imshow(
-        kinds, cmap=_GREYS, vmin=0, vmax=3, origin="lower", extent=extent, interpolation="nearest"
-    )
+    draw_grid(axes, grid)
     _draw_loops(axes, result)
     trajectory = result.trajectory
     way = LineCollection(

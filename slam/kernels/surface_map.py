@@ -159,7 +159,6 @@ def align(
                     level -= 1
                 if level < 0:
                     continue
-                surfel = surfels[level, column & _MASK, row & _MASK]
                 seen += 1.0
                 residual = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y - surfel[OFFSET]
                 wide = variance + surfel[VARIANCE]

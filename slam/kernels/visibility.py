@@ -1,4 +1,4 @@
-"""What one scan says of another's points: in view and met, in view and missed, or beyond it."""
+"""What one scan says of another's points: in view, and in view but passed."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ def contradictions(
     ranges: FloatArray,
     margin_m: float,
     margin_share: float,
-) -> tuple[int, int, int]:
-    """Of points (N, 2) with their frame at a pose (3,), seen from an origin (2,): how many lie within
-    the fan of a scan, how many where its beams went through, and how many where they ended.
+) -> tuple[int, int]:
+    """Of points (N, 2) with their frame at a pose (3,), seen from an origin (2,): how many lie
+    within the fan of a scan, and how many where its beams went through.
 
     angles: (B,) increasing, ranges: (B,) of the scan's beams, +inf where nothing was met: that says
     nothing. A point is passed if the beams to either side of it also end farther by the margin.
     """
-    seen = passed = met = 0
+    seen = passed = 0
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = angles.shape[0]
     for i in range(points.shape[0]):
@@ -53,8 +53,4 @@ def contradictions(
         seen += 1
         margin = margin_m + margin_share * distance
         passed += distance < nearest - margin
-        ended = (
-            ranges[low] if bearing - angles[low] < angles[low + 1] - bearing else ranges[low + 1]
-        )
-        met += abs(distance - ended) < margin
-    return seen, passed, met
+    return seen, passed

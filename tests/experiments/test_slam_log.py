@@ -63,6 +63,14 @@ def test_foreign_file_is_refused_in_one_line(tmp_path, capsys, content):
     assert not (tmp_path / "out").exists()
 
 
+def test_reference_that_is_none_is_refused_before_the_log_is_mapped(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("experiments.slam_log.Mapper", lambda *_: pytest.fail("mapped first"))
+    path = tmp_path / "reference.tum"
+    path.write_text("no poses\n")
+    line = refusal(capsys, "slam", LOG, "--out", tmp_path / "out", "--reference", path)
+    assert "reference.tum" in line
+
+
 def test_robot_finds_itself_on_the_map_it_made(folder, tmp_path):
     arguments = ["localize", str(folder / "map.kitasap"), str(LOG), "--out", str(tmp_path)]
     assert main(arguments) == 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slam.front_end import StepStatus
+from slam.map_consistency import judged
 from slam.mapping import Mapper, SlamMap
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
@@ -82,23 +83,29 @@ def test_laser_that_froze_is_carried_by_the_wheels(poses):
     assert ate_m(found, poses) < 0.06
 
 
-def test_robot_that_is_carried_off_unseen_breaks_the_map_and_it_says_so(poses):
-    # 80 cm and more away nothing of what was seen last is in view; no lap to close it
+def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(poses):
+    # to another corridor, which looks like the one before; no lap to close it
     there = 80
     elsewhere = ring.drive(ring.way(0.95)[220:300], np.random.default_rng(3))
     elsewhere[0] = replace(elsewhere[0], motion=SE2(0.1, 0.0, 0.0))
     measurements = ring.drive(poses[:there], np.random.default_rng(4)) + elsewhere
-    timed = [replace(one, time_s=0.2 * k) for k, one in enumerate(measurements)]
-    found = mapped(timed)
-    if found.steps[there].status is StepStatus.BROKEN:
-        assert any("broke off" in reason for reason in found.verdict.reasons)
-    else:
-        assert not found.verdict.is_good
+    found = mapped([replace(one, time_s=0.2 * k) for k, one in enumerate(measurements)])
+    assert not found.verdict.is_good
+    assert any("contradict" in reason for reason in found.verdict.reasons)
+
+
+def test_map_torn_in_two_is_called_failed_unless_a_loop_ties_it(slam_map):
+    middle = len(slam_map.keyframes) // 2
+    torn = list(slam_map.keyframes)
+    torn[middle] = replace(torn[middle], is_break=True)
+    verdict = judged(torn, slam_map.poses, (), ())
+    assert not verdict.is_good
+    assert verdict.reasons[0].startswith(f"the scans broke off at {torn[middle].time_s:.2f} s")
+    assert any(loop.earlier < middle <= loop.later for loop in slam_map.loops)
+    assert judged(torn, slam_map.poses, slam_map.loops, ()).is_good
 
 
 def test_map_that_is_bent_is_called_failed(slam_map):
-    from slam.map_consistency import judged
-
     bent = slam_map.poses.copy()
     half = len(bent) // 2
     bent[half:, :2] += [0.8, 0.6]

@@ -1,0 +1,25 @@
+"""What two scans say against each other, where each saw what the other looked through."""
+
+from __future__ import annotations
+
+from slam.front_end import Keyframe
+from slam.kernels.visibility import contradictions
+from slam.se2 import SE2
+
+
+def passed(
+    one: Keyframe, other: Keyframe, T_other_one: SE2, margins: tuple[float, float]
+) -> tuple[int, int]:
+    """Of both scans' points, to and fro: how many are in the other's view, and how many of these
+    its beams went through: ended farther by margins, in metres and as a share of the distance."""
+    seen = through = 0
+    for points, beams, pose in (
+        (one.points, other.beams, T_other_one),
+        (other.points, one.beams, T_other_one.inverse()),
+    ):
+        counts = contradictions(
+            points, pose.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m,
+            *margins,
+        )  # fmt: skip
+        seen, through = seen + counts[0], through + counts[1]
+    return seen, through
