@@ -113,6 +113,7 @@ class Measurement:
     motion: SE2
     scan: LaserScan
     # None is what may be given; once created, the array is always there
+    # None is replaced at once: who reads it finds an array
     motion_covariance: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:

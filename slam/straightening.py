@@ -130,7 +130,7 @@ class Straightener:
             match if way is motion else _less_sure(match_beams(self._along(scan, way)), way)
             for way in motion.alternatives()
         ]
-        return _likeliest(found, _CHANGE_ODDS, _TRUST)
+        return _likeliest(found, _CHANGE_ODDS)
 
     def _after_stamp(self, scan: LaserScan, motion: BodyMotion) -> FloatArray:
         """(3, 3) by how much a scan is off as beams were still fired after the stamp.
@@ -242,15 +242,12 @@ def _less_sure(match: ScanMatch, motion: BodyMotion) -> ScanMatch:
     return replace(match, information=motion.less_sure(match.information))
 
 
-def _likeliest(found: list[ScanMatch], log_odds: FloatArray, trust: float = 1.0) -> ScanMatch:
-    """Those of several matches that hold, mixed by their odds and by what each says of the scan.
-
-    trust: share of a log-likelihood that counts.
-    """
+def _likeliest(found: list[ScanMatch], log_odds: FloatArray) -> ScanMatch:
+    """Those of several matches that hold, mixed by their odds and by what each says of the scan."""
     usable = [
         k for k, match in enumerate(found) if match.is_matched and match.information is not None
     ]
     if not usable:
         return found[0]
     log_likelihoods = np.array([found[k].log_likelihood or 0.0 for k in usable])
-    return mixed([found[k] for k in usable], log_odds[usable] + trust * log_likelihoods)
+    return mixed([found[k] for k in usable], log_odds[usable] + _TRUST * log_likelihoods)
