@@ -6,6 +6,7 @@ import enum
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from slam.measurements import LaserScan, Measurement
 from slam.odometry import compose_covariance
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
+from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
 
 
 class StepStatus(enum.Enum):
@@ -75,6 +76,11 @@ class Keyframe:
     beams: Beams
     is_break: bool
 
+    @cached_property
+    def faced(self) -> FloatArray:
+        """(N, 3) the points, and where their surfaces face: see `slam.surface_map`."""
+        return faced(self.points, self.beams.middle_m)
+
 
 @dataclass(frozen=True, eq=False)
 class FrontEndStep:
@@ -106,7 +112,7 @@ class FrontEnd:
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
         beams = self._beams(measurement)
-        points = beams.cut(self.config.range_max_m).points
+        points = faced(beams.cut(self.config.range_max_m).points, beams.middle_m)
         T_last = self.T_map_base
         T_predicted = T_last @ measurement.motion
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
@@ -200,14 +206,20 @@ class FrontEnd:
         before = self.keyframes[-1].T_map_base if self.keyframes else T_map_base
         self.keyframes.append(
             Keyframe(
-                time_s, T_map_base, before.inverse() @ T_map_base, self._P, points, beams, is_break
+                time_s,
+                T_map_base,
+                before.inverse() @ T_map_base,
+                self._P,
+                np.ascontiguousarray(points[:, :2]),
+                beams,
+                is_break,
             )
         )
         self._P = np.zeros((3, 3))
         if is_break:
             while self._window:
                 self._surfaces.remove(self._window.popleft())
-        points_map = T_map_base @ self._surfaces.thinned(points)
+        points_map = moved(T_map_base, self._surfaces.thinned(points))
         self._surfaces.add(points_map)
         self._window.append(points_map)
         if len(self._window) > self.config.window:

@@ -12,7 +12,7 @@ from slam.arrays import FloatArray
 from slam.contradictions import passed
 from slam.front_end import Keyframe
 from slam.se2 import SE2, wrap_angle
-from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
+from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class LoopCloser:
         members = self._members(keyframes, earlier)
         thinned = self._surfaces.thinned
         submap = np.concatenate(
-            [SE2.from_array(poses[k]) @ thinned(keyframes[k].points) for k in members]
+            [moved(SE2.from_array(poses[k]), thinned(keyframes[k].faced)) for k in members]
         )
         self._surfaces.add(submap)
         match = self._matched(keyframes[later], SE2.from_array(poses[later]), sigma)
@@ -153,7 +153,7 @@ class LoopCloser:
         return list(range(first, last + 1))
 
     def _matched(self, keyframe: Keyframe, T_told: SE2, sigma: tuple[float, float]) -> SurfaceMatch:
-        config, points = self.config, keyframe.points
+        config, points = self.config, keyframe.faced
         reach_m = config.search_m + min(2.0 * sigma[0], config.max_search_m)
         reach_rad = config.search_rad + min(2.0 * sigma[1], math.pi)
         starts = [T_told, *self._surfaces.searched(points, T_told, reach_m, reach_rad)]

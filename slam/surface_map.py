@@ -1,4 +1,9 @@
-"""A map of the surfaces around the robot, learnt from the points of its last scans as it drives."""
+"""A map of the surfaces around the robot, learnt from the points of its last scans as it drives.
+
+Its points are faced: x, y [m] and the direction [rad] in which the surface faces, since the two
+sides of a wall are two surfaces. Without that, a scan in a doorway lies between them: 0.1 m were
+lost at each door of 12 cm thick walls.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +16,24 @@ from numpy.typing import NDArray
 from slam.arrays import BoolArray, FloatArray
 from slam.kernels import surface_map as kernels
 from slam.se2 import SE2
+
+_NEIGHBOURS_M = 0.2
+"""Chosen: so near a point, others are on its surface; short of a wall's next corner, and long enough
+that a noise of 4 cm turns the surface by a few degrees only."""
+
+
+def faced(points: FloatArray, seen_from: FloatArray) -> FloatArray:
+    """(N, 3) points (N, 2) of a scan in their order [m], as faced points; seen_from: (2,) [m]."""
+    out = np.empty((len(points), 3))
+    kernels.facings_into(points, seen_from, _NEIGHBOURS_M, out)
+    return out
+
+
+def moved(T: SE2, points: FloatArray) -> FloatArray:
+    """(N, 3) faced points in another frame."""
+    out = np.empty(points.shape)
+    out[:, :2], out[:, 2] = T @ points[:, :2], points[:, 2] + T.theta
+    return out
 
 
 @dataclass(frozen=True)
@@ -65,19 +88,21 @@ class SurfaceMap:
         self.config = config or SurfaceMapConfig()
         levels, side = len(self.config.cells_m), kernels.SIDE
         # zeros take no memory before they are touched
-        self._sums: NDArray[np.float32] = np.zeros((levels, side, side, 6), np.float32)
+        self._sums: NDArray[np.float32] = np.zeros(
+            (levels, side, side, kernels.SIDES, 6), np.float32
+        )
         self._owners: NDArray[np.int32] = np.zeros((levels, side, side, 2), np.int32)
-        self._is_due: BoolArray = np.zeros((levels, side, side), np.bool_)
-        self._surfels: FloatArray = np.zeros((levels, side, side, 7))
+        self._is_due: BoolArray = np.zeros((levels, side, side, kernels.SIDES), np.bool_)
+        self._surfels: FloatArray = np.zeros((levels, side, side, kernels.SIDES, 7))
         self._cells_m = np.array(self.config.cells_m)
         self._stages = np.array(self.config.finest), np.array(self.config.scales_m)
 
     def add(self, points_map: FloatArray) -> None:
-        """Takes up points (N, 2) [m], map frame."""
+        """Takes up faced points (N, 3), map frame."""
         self._put(points_map, 1.0)
 
     def remove(self, points_map: FloatArray) -> None:
-        """Takes out points (N, 2) that were added before."""
+        """Takes out faced points (N, 3) that were added before."""
         self._put(points_map, -1.0)
 
     def match(
@@ -89,7 +114,7 @@ class SurfaceMap:
         trust: float = math.inf,
         pull: float | None = None,
     ) -> SurfaceMatch:
-        """The pose near T_start at which points (N, 2) lie on the surfaces and odometry agrees.
+        """The pose near T_start at which faced points (N, 3) lie on the surfaces and odometry agrees.
 
         odometry: (3, 3) information of T_predicted; zeros where nothing is known. trust: normalised
         innovation squared at which it counts a quarter, and ever less beyond. pull: None: as
@@ -151,7 +176,7 @@ class SurfaceMap:
         return found
 
     def thinned(self, points: FloatArray, most: int | None = None) -> FloatArray:
-        """At most so many of points (N, 2), evenly in their order."""
+        """At most so many of points (N, ...), evenly in their order."""
         most = self.config.max_points if most is None else most
         return np.ascontiguousarray(points[:: max(1, -(-len(points) // most))])
 

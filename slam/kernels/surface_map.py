@@ -1,4 +1,7 @@
-"""Surfaces learnt from points, in cells of several sizes on a torus; a scan matched with them."""
+"""Surfaces learnt from points, in cells of several sizes on a torus; a scan matched with them.
+
+A point says from which side its surface was seen: the two sides of a wall are two surfaces.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,20 @@ from slam.kernels import compiled
 SIDE = 1024
 """Cells along each side of the torus; what lies farther apart than that shares a cell, by turns."""
 _MASK = SIDE - 1
+SIDES = 8
+"""Directions that surfaces face, an eighth of a turn apart: each point counts for the two nearest,
+so that the two sides of a wall, and the two walls of a corner, share none. With four, a door post
+that was seen from two sides made one slanting surface: 0.1 m at each door."""
 _LEAST_POINTS = 4.0
 """Chosen: fewer points make no surface; three lie on a line by chance."""
 _LEAST_LENGTH = 0.15
 """Of a cell's side: shorter than that along its longer axis, a cluster has no direction."""
 _KERNEL = 6.0
 """Of a point's variance: so far off it counts a quarter."""
+_MOST_NEIGHBOURS = 20
+"""Chosen: of a point, to either side, that its direction is taken from."""
+_GRAZED_M = 0.1
+"""Chosen: a laser that is nearer to the line of a wall cannot tell which of its sides it sees."""
 _FITS = 9.0
 """Squared residual, in variances, of a point that fits: three sigmas."""
 
@@ -30,6 +41,62 @@ SEEN, FITTING, COST, STEPS, ODOMETRY_WEIGHT = 0, 1, 2, 3, 4
 
 
 @compiled
+def facings_into(
+    points: FloatArray, seen_from: FloatArray, reach_m: float, faced: FloatArray
+) -> None:
+    """Into faced (N, 3): the points (N, 2) of a scan, in their order, and where their surface faces.
+
+    That is the side of the line through a point's neighbours, within reach_m of it and up to
+    _MOST_NEIGHBOURS to either side, on which the laser was, seen_from (2,); of a lone point, the way
+    to the laser [rad]; nan where the laser saw along the line.
+    """
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        n = sx = sy = sxx = sxy = syy = 0.0
+        for side in range(-1, 2, 2):
+            j = i + side
+            taken = 0
+            while 0 <= j < points.shape[0] and taken < _MOST_NEIGHBOURS:
+                dx, dy = points[j, 0] - x, points[j, 1] - y
+                if dx * dx + dy * dy > reach_m * reach_m:
+                    break
+                n += 1.0
+                sx += dx
+                sy += dy
+                sxx += dx * dx
+                sxy += dx * dy
+                syy += dy * dy
+                j += side
+                taken += 1
+        n += 1.0
+        cxx, cxy = sxx - sx * sx / n, sxy - sx * sy / n
+        cyy = syy - sy * sy / n
+        to_x, to_y = seen_from[0] - x, seen_from[1] - y
+        if n >= 3.0:
+            along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+            nx, ny = -math.sin(along), math.cos(along)
+            off = nx * to_x + ny * to_y
+            if abs(off) < _GRAZED_M:
+                faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.nan
+                continue
+            if off < 0.0:
+                nx, ny = -nx, -ny
+        else:
+            nx, ny = to_x, to_y
+        faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.atan2(ny, nx)
+
+
+@compiled
+def _sides(facing: float) -> tuple[int, int]:
+    """The two of the SIDES that are nearest to a direction [rad], the nearest first."""
+    eighths = facing * (SIDES / (2.0 * math.pi))
+    low = math.floor(eighths)
+    if eighths - low < 0.5:
+        return low & (SIDES - 1), (low + 1) & (SIDES - 1)
+    return (low + 1) & (SIDES - 1), low & (SIDES - 1)
+
+
+@compiled
 def put(
     sums: NDArray[np.float32],
     owners: NDArray[np.int32],
@@ -38,12 +105,16 @@ def put(
     sign: float,
     cell_m: float,
 ) -> None:
-    """Adds points (N, 2) [m], map frame, to the cells that they lie in; sign -1 takes them out.
+    """Adds points (N, 3) [m, m, rad], map frame, to the cells that they lie in; sign -1 takes them
+    out.
 
-    sums: (SIDE, SIDE, 6) count, x, y, xx, xy, yy from the cell's middle. owners: (SIDE, SIDE, 2)
-    which cell of the plane it stands for. is_due: (SIDE, SIDE) whose surfel has to be made anew.
+    sums: (SIDE, SIDE, SIDES, 6) count, x, y, xx, xy, yy from the cell's middle. owners: (SIDE, SIDE,
+    2) which cell of the plane it stands for. is_due: (SIDE, SIDE, SIDES) whose surfel has to be made
+    anew.
     """
     for i in range(points.shape[0]):
+        if math.isnan(points[i, 2]):
+            continue
         column, row = math.floor(points[i, 0] / cell_m), math.floor(points[i, 1] / cell_m)
         a, b = column & _MASK, row & _MASK
         if owners[a, b, 0] != column or owners[a, b, 1] != row:
@@ -53,15 +124,16 @@ def put(
             sums[a, b] = 0.0
         x = points[i, 0] - (column + 0.5) * cell_m
         y = points[i, 1] - (row + 0.5) * cell_m
-        sums[a, b, 0] += sign
-        sums[a, b, 1] += sign * x
-        sums[a, b, 2] += sign * y
-        sums[a, b, 3] += sign * x * x
-        sums[a, b, 4] += sign * x * y
-        sums[a, b, 5] += sign * y * y
-        for u in range(-1, 2):
-            for v in range(-1, 2):
-                is_due[(a + u) & _MASK, (b + v) & _MASK] = True
+        for side in _sides(points[i, 2]):
+            sums[a, b, side, 0] += sign
+            sums[a, b, side, 1] += sign * x
+            sums[a, b, side, 2] += sign * y
+            sums[a, b, side, 3] += sign * x * x
+            sums[a, b, side, 4] += sign * x * y
+            sums[a, b, side, 5] += sign * y * y
+            for u in range(-1, 2):
+                for v in range(-1, 2):
+                    is_due[(a + u) & _MASK, (b + v) & _MASK, side] = True
 
 
 @compiled
@@ -70,24 +142,28 @@ def _make(
     owners: NDArray[np.int32],
     column: int,
     row: int,
+    side: int,
     cell_m: float,
     surfel: FloatArray,
 ) -> None:
-    """The line through the points of a cell and its neighbours; COUNT 0 where they make none."""
+    """The line through a cell's and its neighbours' points of a side; COUNT 0 where they make none."""
     surfel[CELL_X], surfel[CELL_Y], surfel[COUNT] = column, row, 0.0
     n = sx = sy = sxx = sxy = syy = 0.0
     for u in range(-1, 2):
         for v in range(-1, 2):
             a, b = (column + u) & _MASK, (row + v) & _MASK
-            if owners[a, b, 0] != column + u or owners[a, b, 1] != row + v or sums[a, b, 0] < 0.5:
+            if owners[a, b, 0] != column + u or owners[a, b, 1] != row + v:
                 continue
-            m, x, y = sums[a, b, 0], u * cell_m, v * cell_m
+            held = sums[a, b, side]
+            if held[0] < 0.5:
+                continue
+            m, x, y = held[0], u * cell_m, v * cell_m
             n += m
-            sx += sums[a, b, 1] + m * x
-            sy += sums[a, b, 2] + m * y
-            sxx += sums[a, b, 3] + 2.0 * x * sums[a, b, 1] + m * x * x
-            sxy += sums[a, b, 4] + x * sums[a, b, 2] + y * sums[a, b, 1] + m * x * y
-            syy += sums[a, b, 5] + 2.0 * y * sums[a, b, 2] + m * y * y
+            sx += held[1] + m * x
+            sy += held[2] + m * y
+            sxx += held[3] + 2.0 * x * held[1] + m * x * x
+            sxy += held[4] + x * held[2] + y * held[1] + m * x * y
+            syy += held[5] + 2.0 * y * held[2] + m * y * y
     if n < _LEAST_POINTS:
         return
     mean_x, mean_y = sx / n, sy / n
@@ -102,6 +178,26 @@ def _make(
     surfel[OFFSET] = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y
     surfel[VARIANCE] = max(half - apart, 0.0)
     surfel[COUNT] = n
+
+
+@compiled
+def _surfel(
+    sums: NDArray[np.float32],
+    owners: NDArray[np.int32],
+    is_due: BoolArray,
+    surfels: FloatArray,
+    column: int,
+    row: int,
+    side: int,
+    cell_m: float,
+) -> FloatArray:
+    """What a cell holds of a side, made anew where it is due."""
+    a, b = column & _MASK, row & _MASK
+    surfel = surfels[a, b, side]
+    if is_due[a, b, side] or surfel[CELL_X] != column or surfel[CELL_Y] != row:
+        _make(sums, owners, column, row, side, cell_m, surfel)
+        is_due[a, b, side] = False
+    return surfel
 
 
 @compiled
@@ -124,7 +220,7 @@ def align(
     information: FloatArray,
     stats: FloatArray,
 ) -> None:
-    """Gauss-Newton of points (N, 2), base frame, on the surfaces, with the odometry beside them.
+    """Gauss-Newton of points (N, 3), base frame, on the surfaces, with the odometry beside them.
 
     sums, owners, is_due, surfels: (L, SIDE, SIDE, ...) of cells of cells_m (L,), coarse to fine.
     variance: of a point across its surface [m2]; share_counted: of what points tell. finest: (S,)
@@ -143,17 +239,19 @@ def align(
             information[:], pull[:] = 0.0, 0.0
             seen = fitting = cost = 0.0
             for i in range(points.shape[0]):
+                if math.isnan(points[i, 2]):
+                    continue
                 px, py = points[i, 0], points[i, 1]
                 x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
                 level = finest[stage]
+                near, far = _sides(points[i, 2] + pose[2])
                 while level >= 0:
-                    column = math.floor(x / cells_m[level])
-                    row = math.floor(y / cells_m[level])
-                    a, b = column & _MASK, row & _MASK
-                    surfel = surfels[level, a, b]
-                    if is_due[level, a, b] or surfel[CELL_X] != column or surfel[CELL_Y] != row:
-                        _make(sums[level], owners[level], column, row, cells_m[level], surfel)
-                        is_due[level, a, b] = False
+                    cell_m = cells_m[level]
+                    held = sums[level], owners[level], is_due[level], surfels[level]
+                    column, row = math.floor(x / cell_m), math.floor(y / cell_m)
+                    surfel = _surfel(*held, column, row, near, cell_m)
+                    if surfel[COUNT] == 0.0:
+                        surfel = _surfel(*held, column, row, far, cell_m)
                     if surfel[COUNT] > 0.0:
                         break
                     level -= 1
@@ -213,7 +311,7 @@ def count_on_walls(
     headings: FloatArray,
     counts: NDArray[np.int32],
 ) -> None:
-    """Into counts (H, X, Y): how many points (N, 2), base frame, fall into cells that have some.
+    """Into counts (H, X, Y): how many points (N, 3), base frame, fall into cells that have some.
 
     x: (X,), y: (Y,) [m], headings: (H,) [rad] of the poses looked at.
     """
@@ -223,10 +321,13 @@ def count_on_walls(
             for v in range(y.shape[0]):
                 count = 0
                 for i in range(points.shape[0]):
+                    if math.isnan(points[i, 2]):
+                        continue
                     px, py = points[i, 0], points[i, 1]
+                    near, far = _sides(points[i, 2] + headings[k])
                     column = math.floor((x[u] + c * px - s * py) / cell_m)
                     row = math.floor((y[v] + s * px + c * py) / cell_m)
                     a, b = column & _MASK, row & _MASK
                     is_own = owners[a, b, 0] == column and owners[a, b, 1] == row
-                    count += is_own and sums[a, b, 0] > 0.5
+                    count += is_own and sums[a, b, near, 0] + sums[a, b, far, 0] > 0.5
                 counts[k, u, v] = count
