@@ -141,22 +141,10 @@ def points_of_scans(
     return point_map.points
 
 
-def map_of_slam(slam_map: SlamMap, laser: LaserModel, spacing_m: float = 0.02) -> KnownMap:
-    """The map that the robot made itself; what has gone since is left out.
-
-    Raises ValueError for one without a point.
-    """
-    point_map = PointMap(np.empty((0, 2)), spacing_m)
-    seen = []
-    for pose, keyframe in zip(slam_map.poses, slam_map.keyframes, strict=True):
-        T_map_base = SE2.from_array(pose)
-        beams = keyframe.beams.cut(laser.range_max_m)
-        seen.append((T_map_base, beams))
-        point_map.integrate(T_map_base @ beams.points)
-    if len(point_map.points) == 0:
-        raise ValueError("the map has no point: nothing to localise by")
-    points = point_map.points
-    return KnownMap(points[still_standing(points, seen)], laser, spacing_m=spacing_m)
+def map_of_slam(slam_map: SlamMap, laser: LaserModel) -> KnownMap:
+    """The map that the robot made itself. Raises ValueError for one without a surface."""
+    surfaces = slam_map.surfaces
+    return KnownMap(surfaces.points(_SPACING_M), laser, surfaces.walls())
 
 
 def map_of_file(path: Path, laser: LaserModel) -> KnownMap:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from slam.measurements import Measurement
 from slam.occupancy_grid import OccupancyGrid
 from slam.pose_graph import EdgeKernel, PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
+from slam.surfaces import Surfaces, surfaces_of
 from slam.trajectory import Trajectory
 
 _TORN_M = 100.0
@@ -89,14 +91,20 @@ class SlamMap:
         ]
         return OccupancyGrid.of_scans(scans, resolution_m)
 
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """What the keyframes saw, averaged; who walked by, and doors since opened, left out."""
+        return surfaces_of(
+            [
+                (SE2.from_array(pose), keyframe.faced, keyframe.beams)
+                for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
+            ]
+        )
+
     @property
     def points(self) -> FloatArray:
-        """(N, 2) the points of all keyframes [m], map frame: the point database."""
-        clouds = [
-            SE2.from_array(pose) @ keyframe.points
-            for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
-        ]
-        return np.concatenate(clouds) if clouds else np.zeros((0, 2))
+        """(N, 2) points on the surfaces, 2 cm apart [m], map frame: the point database."""
+        return self.surfaces.points()
 
     def pose_of(self, step: FrontEndStep) -> SE2:
         """Where a scan was taken."""

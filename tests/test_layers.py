@@ -68,6 +68,7 @@ RANKS = (
         "front_end",
         "contradictions",
         "loop_closing",
+        "surfaces",
         "map_consistency",
         "fusion",
         "consistency",

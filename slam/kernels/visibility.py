@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 from slam.kernels import compiled
+
+_ALONG = 0.2
+"""Sine of the angle to a surface: beams along it pass beside it."""
 
 
 @compiled
@@ -54,3 +57,66 @@ def contradictions(
         margin = margin_m + margin_share * distance
         passed += distance < nearest - margin
     return seen, passed
+
+
+@compiled
+def looks_into(
+    points: FloatArray,
+    normals: FloatArray,
+    pose: FloatArray,
+    origin: FloatArray,
+    angles: FloatArray,
+    ranges: FloatArray,
+    margin_m: float,
+    margin_share: float,
+    coarsest_m: float,
+    met: IntArray,
+    passed: IntArray,
+) -> None:
+    """Adds to met and passed (N,) what a scan says of points (N, 2) of surfaces facing normals (N, 2).
+
+    The scan's frame is at a pose (3,) in theirs, its beams start at an origin (2,) in it, angles:
+    (B,) increasing, ranges: (B,). Of a point before the surface of which it stands, and where beams
+    are no farther apart than coarsest_m: met where a beam beside it ends no farther from it than
+    the margin, passed where all beams about it end beyond.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = angles.shape[0]
+    step = (angles[count - 1] - angles[0]) / (count - 1)
+    eye_x = pose[0] + c * origin[0] - s * origin[1]
+    eye_y = pose[1] + s * origin[0] + c * origin[1]
+    for i in range(points.shape[0]):
+        dx, dy = points[i, 0] - eye_x, points[i, 1] - eye_y
+        squared = dx * dx + dy * dy
+        if squared * step * step > coarsest_m * coarsest_m:
+            continue
+        distance = math.sqrt(squared)
+        before = -(dx * normals[i, 0] + dy * normals[i, 1])
+        if abs(before) < _ALONG * distance:
+            continue
+        bearing = math.atan2(c * dy - s * dx, c * dx + s * dy)
+        while bearing < angles[0]:
+            bearing += 2.0 * math.pi
+        while bearing >= angles[0] + 2.0 * math.pi:
+            bearing -= 2.0 * math.pi
+        low, high = 0, count - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            if angles[middle] <= bearing:
+                low = middle
+            else:
+                high = middle
+        if bearing > angles[count - 1] or low < 1 or low + 2 >= count:
+            continue
+        margin = margin_m + margin_share * distance
+        nearest, is_met = math.inf, False
+        for k in range(low - 1, low + 3):
+            if not ranges[k] > 0.0:
+                nearest = -math.inf
+                continue
+            nearest = min(nearest, ranges[k])
+            is_met |= abs(ranges[k] - distance) <= margin
+        if is_met:
+            met[i] += before > 0.0
+        elif math.isfinite(nearest) and nearest > distance + margin:
+            passed[i] += 1

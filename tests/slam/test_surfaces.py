@@ -1,0 +1,110 @@
+"""Surfaces averaged from many scans: both sides of a wall, what was passed, thin things, edges."""
+
+import numpy as np
+import pytest
+
+from slam.beams import Beams
+from slam.se2 import SE2
+from slam.surface_map import faced
+from slam.surfaces import Surfaces, surfaces_of
+from tests.slam.synthetic import box, room, scan_of
+
+LASER = SE2.identity()
+ROOM = room(0.0, 0.0, 6.0, 4.0)
+# a wall of 10 cm from below, with a way round its upper end
+WALL = box(3.0, 0.0, 3.1, 2.6)
+LEG = box(1.5, 3.0, 1.53, 3.03)
+PLACES = [SE2(x, y, turn) for x, y in ((1.0, 1.0), (2.0, 3.4), (4.0, 3.4), (5.0, 1.0), (3.0, 3.4))
+          for turn in (-2.0, -0.4, 1.1, 2.6)]  # fmt: skip
+SIGMA_M = 0.02
+
+
+def seen(walls, place, rng):
+    beams = Beams.of(scan_of(walls, place, rng, SIGMA_M, range_max_m=8.0), LASER)
+    return place, faced(beams.points, beams.middle_m), beams
+
+
+def surfaces_from(worlds) -> Surfaces:
+    rng = np.random.default_rng(5)
+    return surfaces_of([seen(walls, place, rng) for walls, place in worlds])
+
+
+def off_m(points, segments) -> np.ndarray:
+    """(K,) from points (K, 2) to the nearest of segments (S, 2, 2)."""
+    starts, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    share = np.einsum("pwi,wi->pw", points[:, None] - starts, along) / np.sum(along**2, axis=1)
+    nearest = starts + np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
+
+
+TRUE = np.concatenate([ROOM, WALL, LEG])
+
+
+@pytest.fixture(scope="module")
+def surfaces() -> Surfaces:
+    return surfaces_from([(TRUE, place) for place in PLACES])
+
+
+def test_noise_is_averaged(surfaces):
+    off = off_m(surfaces.points(), TRUE)
+    assert np.mean(off < 0.05) > 0.99
+    assert np.median(off) < 0.3 * SIGMA_M
+
+
+def test_what_was_seen_is_there(surfaces):
+    sides = np.array([[[3.0, 0.3], [3.0, 2.5]], [[3.1, 0.3], [3.1, 2.5]], [[0.0, 0.2], [0.0, 3.8]]])
+    share = np.linspace(0.0, 1.0, 60)[:, None]
+    for start, end in sides:
+        wanted = start + share * (end - start)
+        found = np.linalg.norm(wanted[:, None] - surfaces.points()[None], axis=2).min(axis=1)
+        assert found.max() < 0.05
+
+
+def test_the_two_sides_of_a_wall_stay_apart(surfaces):
+    points = surfaces.points()
+    beside = points[
+        (np.abs(points[:, 0] - 3.05) < 0.2) & (points[:, 1] > 0.3) & (points[:, 1] < 2.4)
+    ]
+    astray_m = np.abs(np.abs(beside[:, 0] - 3.05) - 0.05)
+    assert np.quantile(astray_m, 0.95) < 0.015
+    assert astray_m.max() < 0.05
+
+
+def test_a_thin_leg_stays(surfaces):
+    assert (np.linalg.norm(surfaces.points() - [1.515, 3.015], axis=1) < 0.05).any()
+
+
+def test_walls_are_seen_from_their_free_side(surfaces):
+    along = surfaces.segments[:, 1] - surfaces.segments[:, 0]
+    left = np.column_stack([-along[:, 1], along[:, 0]])
+    middles = surfaces.segments.mean(axis=1)
+    is_upright = np.abs(along[:, 1]) > 0.9 * np.hypot(*along.T)
+    is_outer = (np.abs(middles[:, 0]) < 0.03) & is_upright
+    assert is_outer.sum() > 30
+    assert (left[is_outer, 0] > 0.0).all()
+
+
+def test_whoever_has_gone_is_left_out():
+    somebody = [box(x, 1.9, x + 0.1, 2.0) for x in (1.2, 1.6, 4.2, 4.6)]
+    worlds = [
+        (np.concatenate([TRUE, somebody[index % 4]]) if index < 4 else TRUE, place)
+        for index, place in enumerate(PLACES)
+    ]
+    off = off_m(surfaces_from(worlds).points(), TRUE)
+    assert np.mean(off < 0.05) > 0.99
+    assert off.max() < 0.3
+
+
+def test_nothing_seen_gives_nothing():
+    nothing = surfaces_of([])
+    assert len(nothing) == 0
+    assert nothing.points().shape == (0, 2)
+    with pytest.raises(ValueError, match="no surface"):
+        nothing.walls()
+    lost = Beams(np.zeros((3, 2)), np.array([0.0, 0.1, 0.2]), np.full(3, np.inf))
+    assert len(surfaces_of([(SE2.identity(), np.zeros((0, 3)), lost)])) == 0
+
+
+def test_equal_scans_give_equal_bytes():
+    one, other = (surfaces_from([(TRUE, place) for place in PLACES[:6]]) for _ in range(2))
+    assert one.segments.tobytes() == other.segments.tobytes()
