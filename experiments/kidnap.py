@@ -29,6 +29,7 @@ from slam.measurements import Measurement
 from slam.verdict import Status
 
 NAME = "kidnap"
+DEFAULTS = TrialConfig()
 MAX_LOOKS = 6
 """Scans after the kidnap within which a method has to be sure."""
 _MAX_DRAWS = 10_000

@@ -21,6 +21,7 @@ from slam.measurements import Measurement
 from slam.se2 import SE2
 
 NAME = "localization"
+DEFAULTS = TrialConfig()
 _ON_A_LEG_M = 0.10
 """From the axis of a leg: its radius, and what it has walked since the beam ended on it."""
 

@@ -1,6 +1,6 @@
 """The methods by name, each made ready for one known place and laser."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -140,11 +140,11 @@ what `limit` would be without its fusion, and without its deskewing."""
 DEFAULT_METHODS = ("paper", "open3d", "limit")
 
 
-def checked_methods(names: tuple[str, ...]) -> tuple[str, ...]:
-    """The names as they are. Raises ValueError, naming those there are, if one is unknown."""
+def checked_methods(names: tuple[str, ...], known: Iterable[str] = METHODS) -> tuple[str, ...]:
+    """The names as they are. Raises ValueError, naming those known, if one is not among them."""
     for name in names:
-        if name not in METHODS:
-            raise ValueError(f"no method called '{name}'; there are: {', '.join(METHODS)}")
+        if name not in known:
+            raise ValueError(f"no method called '{name}'; there are: {', '.join(known)}")
     if len(set(names)) != len(names) or not names:
-        raise ValueError(f"name each method once, at least one: {', '.join(METHODS)}")
+        raise ValueError(f"name each method once, at least one: {', '.join(known)}")
     return names

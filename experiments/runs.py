@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from experiments.map_statistics import mapping_summary
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
 from experiments.recovery import recovery_figures
@@ -24,7 +25,7 @@ from experiments.statistics import summarised, verdict_counts
 from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
 
-EXPERIMENTS = ("localization", "kidnap", "tracking")
+EXPERIMENTS = ("localization", "kidnap", "tracking", "mapping")
 
 Finished = tuple[int, dict[str, Any], dict[str, Any]]
 """Index, record and timing of a trial."""
@@ -129,8 +130,10 @@ class Run:
             "wall_s": round(wall_s, 3),
             "cpu_s": round(sum(timing["cpu_s"] for timing in timings), 3),
             "sim_s": round(sum(record.get("sim_s", 0.0) for record in records), 3),
-            "people_in_view": _mean([record["people_in_view"] for record in samples]),
-            "methods": summarised(_with_failures(samples, records), self.config.methods),
+            "people_in_view": _mean(
+                [record["people_in_view"] for record in samples if "people_in_view" in record]
+            ),
+            "methods": self._of_methods(_with_failures(samples, records)),
             "paper_values": PAPER_VALUES.get(self.experiment),
         }
         if self.experiment == "tracking":
@@ -141,6 +144,11 @@ class Run:
                 figures |= recovery_figures(records, timings, name)
         write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         return summary
+
+    def _of_methods(self, records: list[dict[str, Any]]) -> dict[str, Any]:
+        if self.experiment == "mapping":
+            return mapping_summary(records, self.config.methods)
+        return summarised(records, self.config.methods)
 
 
 def _with_failures(
@@ -161,13 +169,20 @@ def experiment_module(name: str) -> ModuleType:
     return importlib.import_module(f"experiments.{name}")
 
 
+def trial_result(experiment: str, config: TrialConfig, seed: int, index: int) -> Any:
+    """One trial of a run, bit for bit, with all that its record leaves out."""
+    module = experiment_module(experiment)
+    if experiment == "mapping":
+        config = module.of_trial(config, index)
+    return module.run_trial(config, generator(experiment, seed, index))
+
+
 def recorded_trial(experiment: str, config: TrialConfig, seed: int, index: int) -> Finished:
     """One trial's record and timing. A trial that raises is a failed trial, with its traceback."""
     started_s = time.process_time()
     timing: dict[str, Any] = {}
     try:
-        run_trial = experiment_module(experiment).run_trial
-        result = run_trial(config, generator(experiment, seed, index))
+        result = trial_result(experiment, config, seed, index)
         record = result.record()
         timing["methods"] = {name: round(cpu_s, 6) for name, cpu_s in result.cpu_s.items()}
     except Exception as error:  # noqa: BLE001 - whatever a trial raises is its result

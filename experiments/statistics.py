@@ -51,11 +51,11 @@ def _method_summary(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
         "raised": trials - len(outcomes),
         "matched": len(believed),
         "confident_wrong": sum(not outcome["success"] for outcome in believed),
-        "x_cm": _axis(100 * errors[:, 0]),
-        "y_cm": _axis(100 * errors[:, 1]),
-        "theta_rad": _axis(errors[:, 2]),
-        "rmse_mm": _rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
-        "rmse_mrad": _rms(1000 * errors[:, 2]),
+        "x_cm": axis_figures(100 * errors[:, 0]),
+        "y_cm": axis_figures(100 * errors[:, 1]),
+        "theta_rad": axis_figures(errors[:, 2]),
+        "rmse_mm": rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
+        "rmse_mrad": rms(1000 * errors[:, 2]),
         **_against_bound(records, name),
         **_consistency(believed),
         **_over_all_scans(records, name),
@@ -79,7 +79,7 @@ def _against_bound(records: list[dict[str, Any]], name: str) -> dict[str, float 
     ]
     if not rows:
         return {"crlb_mm": None, "crlb_mrad": None, "crlb_ratio": None, "crlb_ratio_theta": None}
-    x, y, theta, position_m, heading_rad = (_rms(column) or 0.0 for column in np.array(rows).T)
+    x, y, theta, position_m, heading_rad = (rms(column) or 0.0 for column in np.array(rows).T)
     return {
         "crlb_mm": 1000 * position_m,
         "crlb_mrad": 1000 * heading_rad,
@@ -130,7 +130,7 @@ def nees_band(count: int, dimensions: int = 3) -> tuple[float, float]:
     return dimensions * low, dimensions * high
 
 
-def _axis(errors: np.ndarray) -> dict[str, float | None]:
+def axis_figures(errors: np.ndarray) -> dict[str, float | None]:
     """Mean, signed value of largest magnitude, standard deviation and root mean square."""
     if not errors.size:
         return {"mean": None, "max": None, "std": None, "rmse": None}
@@ -138,11 +138,12 @@ def _axis(errors: np.ndarray) -> dict[str, float | None]:
         "mean": float(errors.mean()),
         "max": float(errors[np.abs(errors).argmax()]),
         "std": float(errors.std(ddof=1)) if errors.size > 1 else None,
-        "rmse": _rms(errors),
+        "rmse": rms(errors),
     }
 
 
-def _rms(values: np.ndarray) -> float | None:
+def rms(values: np.ndarray) -> float | None:
+    """Root mean square; None of nothing."""
     return float(np.sqrt(np.mean(values**2))) if values.size else None
 
 

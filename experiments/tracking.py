@@ -23,6 +23,7 @@ from kitasap_sim.simulation import SensorFrame, Simulation
 from slam.measurements import LaserScan
 
 NAME = "tracking"
+DEFAULTS = TrialConfig()
 SPEED_MPS = 0.2
 """The paper's "about 20 cm/sec" (Section 4.2)."""
 SAMPLE_S = 2.0

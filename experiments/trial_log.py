@@ -20,6 +20,12 @@ CSV_FIELDS = (
     *("time_s", "crlb_position_m", "crlb_heading_rad", "people_in_view", "error"),
 )
 
+MAP_FIELDS = (
+    *("ate_m", "ate_max_m", "map_rmse_m", "map_precision", "map_recall", "map_points"),
+    *("keyframes", "loops", "loops_rejected", "people", "scans", "way_m"),
+)
+"""Columns more, of mapping trials."""
+
 
 class TrialLog:
     """The trials of one run in one folder, by their index.
@@ -30,6 +36,7 @@ class TrialLog:
     def __init__(self, folder: Path, experiment: str, config_hash: str) -> None:
         self.folder = folder
         self._key = {"experiment": experiment, "config": config_hash}
+        self._fields = CSV_FIELDS + (MAP_FIELDS if experiment == "mapping" else ())
         folder.mkdir(parents=True, exist_ok=True)
         self.records = self._loaded(folder / "trials.jsonl")
         self.timings = self._loaded(folder / "timings.jsonl")
@@ -50,7 +57,7 @@ class TrialLog:
         rows = [row for index in asked for row in _csv_rows(self.records[index])]
         partial = self.folder / "trials.csv.partial"
         with partial.open("w", newline="") as file:
-            writer = csv.DictWriter(file, CSV_FIELDS, lineterminator="\n")
+            writer = csv.DictWriter(file, self._fields, lineterminator="\n")
             writer.writeheader()
             writer.writerows(rows)
         partial.replace(self.folder / "trials.csv")
@@ -142,11 +149,12 @@ def _method_rows(sample: dict[str, Any]) -> list[dict[str, Any]]:
     truth = dict(
         zip(("x_true_m", "y_true_m", "theta_true_rad"), sample["true_poses"][-1], strict=True)
     )
-    bound = {f"crlb_{name}": value for name, value in sample["crlb"].items()}
-    common = truth | bound | {name: sample[name] for name in CSV_FIELDS if name in sample}
+    bound = {f"crlb_{name}": value for name, value in sample.get("crlb", {}).items()}
+    fields = CSV_FIELDS + MAP_FIELDS
+    common = truth | bound | {name: sample[name] for name in fields if name in sample}
     return [
         common
-        | {field: outcome[field] for field in CSV_FIELDS if field in outcome}
+        | {field: outcome[field] for field in fields if field in outcome}
         | {"method": name, "match": outcome["status"], "status": "ok"}
         for name, outcome in sample["methods"].items()
     ]

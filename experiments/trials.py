@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib.resources import files
@@ -12,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from experiments.bounds import nees
-from experiments.methods import DEFAULT_METHODS, KnownPlace, checked_methods
+from experiments.methods import DEFAULT_METHODS, METHODS, KnownPlace, checked_methods
 from experiments.paper import VICINITY_M, VICINITY_RAD
 from experiments.worlds import checked_mismatch, simulated, true_laser
 from kitasap_sim.laser import LaserSpec, laser
@@ -64,13 +65,16 @@ class TrialConfig:
     success_m: float = VICINITY_M
     success_rad: float = VICINITY_RAD
 
-    def checked(self) -> "TrialConfig":
-        """The configuration, if every name in it exists. Raises ValueError in one line if not."""
+    def checked(self, methods: Iterable[str] = METHODS) -> "TrialConfig":
+        """The configuration, if every name in it exists, methods: among these.
+
+        Raises ValueError in one line if not.
+        """
         if self.poses not in get_args(Poses):
             raise ValueError(
                 f"no poses called '{self.poses}'; there are: {', '.join(get_args(Poses))}"
             )
-        checked_methods(self.methods)
+        checked_methods(self.methods, methods)
         odometry_preset(self.odometry)
         laser(self.laser)
         # whatever is wrong with the place, or the system, is said before the first trial

@@ -8,6 +8,7 @@ import numpy as np
 
 from kitasap_sim.laser import LaserSpec, laser
 from kitasap_sim.places import Place
+from kitasap_sim.robot import OdometryPreset
 from kitasap_sim.simulation import Simulation
 
 MISMATCHES = {
@@ -63,13 +64,18 @@ def moved_furniture(place: Place, laser_name: str) -> dict[str, tuple[float, flo
 def simulated(
     place: Place,
     laser_name: str,
-    odometry: str,
+    odometry: str | OdometryPreset,
     rng: np.random.Generator,
     *,
     people: int = 0,
     mismatch: str = "none",
+    range_max_m: float = math.inf,
 ) -> Simulation:
-    """The robot in the world as it truly is. Raises ValueError where that cannot be."""
+    """The robot in the world as it truly is; range_max_m: no beam returns from farther.
+
+    Raises ValueError where that cannot be.
+    """
     moved_m = moved_furniture(place, laser_name) if mismatch == "chair" else None
     spec = true_laser(laser_name, mismatch)
+    spec = replace(spec, range_max_m=min(spec.range_max_m, range_max_m))
     return Simulation(place, spec, odometry, rng=rng, people=people, moved_m=moved_m)

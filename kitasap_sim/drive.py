@@ -40,12 +40,18 @@ def square(side_m: float, *, is_clockwise: bool) -> np.ndarray:
 class Pilot:
     """Steers the robot by its own encoders alone: the true track drifts off as its odometry does.
 
-    It knows where the robot stands when it takes over.
+    It knows where the robot stands when it takes over. by_sight: somebody who sees the robot steers
+    it instead, and keeps it on the track.
     """
 
-    def __init__(self, simulation: Simulation, driver: Driver | None = None) -> None:
+    def __init__(
+        self, simulation: Simulation, driver: Driver | None = None, *, by_sight: bool = False
+    ) -> None:
         self._simulation, self._driver = simulation, driver or Driver()
-        self._reckoning = DeadReckoning(simulation.truth().pose, simulation.wheel_ticks())
+        self._by_sight = by_sight
+        pose = simulation.truth().pose
+        self._reckoning = DeadReckoning(pose, simulation.wheel_ticks())
+        self._seen_heading_rad = float(pose[2])
 
     def follow(self, corners_m: np.ndarray) -> Iterator[SensorFrame]:
         """Drives through corners (T, 2) in the world [m], turning on the spot at each.
@@ -66,7 +72,11 @@ class Pilot:
 
     @property
     def pose(self) -> np.ndarray:
-        """(3,) where the robot believes to be, x, y [m] and heading [rad], not wrapped."""
+        """(3,) where whoever steers believes the robot to be, x, y [m], heading [rad], not wrapped."""
+        if self._by_sight:
+            x, y, heading = self._simulation.truth().pose
+            self._seen_heading_rad += math.remainder(heading - self._seen_heading_rad, math.tau)
+            return np.array([x, y, self._seen_heading_rad])
         return self._reckoning.update(self._simulation.wheel_ticks())
 
     def _turn_by(self, angle_rad: float) -> Iterator[SensorFrame]:

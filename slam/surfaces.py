@@ -171,7 +171,7 @@ class _Cells:
                 other = self._beside(np.array([column, row, 0]))
                 sums += np.where(other[:, np.newaxis] >= 0, self.sums[other], 0.0)
         weight = sums[:, 0]
-        mean = sums[:, 1:3] / weight[:, np.newaxis]
+        mean = np.asarray(sums[:, 1:3] / weight[:, np.newaxis], dtype=np.float64)
         cxx, cxy, cyy = (
             sums[:, 3] / weight - mean[:, 0] ** 2,
             sums[:, 4] / weight - mean[:, 0] * mean[:, 1],
@@ -179,7 +179,7 @@ class _Cells:
         )
         half = 0.5 * (cxx + cyy)
         angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy)
-        along = np.column_stack([np.cos(angle), np.sin(angle)])
+        along = np.asarray(np.column_stack([np.cos(angle), np.sin(angle)]), dtype=np.float64)
         # seen from the left
         facing = self.at[:, 2] * (2.0 * np.pi / SIDES)
         across = np.column_stack([np.sin(facing), -np.cos(facing)])
@@ -191,9 +191,9 @@ class _Cells:
         x, y = along.T
         wide_m2 = cxx * x * x + 2.0 * cxy * x * y + cyy * y * y
         rough_m = np.sqrt(np.maximum(2.0 * half - wide_m2, 0.0))
-        middle = (self.at[:, :2] + 0.5) * config.cell_m
-        span_m = _ENDS * np.sqrt(np.maximum(wide_m2, 0.0))
-        ends, is_cut = _cut(np.asarray(mean, np.float64), along, middle, config.cell_m, span_m)
+        middle = np.asarray((self.at[:, :2] + 0.5) * config.cell_m, dtype=np.float64)
+        span_m: FloatArray = _ENDS * np.sqrt(np.maximum(wide_m2, 0.0))
+        ends, is_cut = _cut(mean, along, middle, config.cell_m, span_m)
         count = weight**2 / sums[:, 6]
         prior_m2 = config.prior_points * config.prior_m**2
         variance_m2 = (count * rough_m**2 + prior_m2) / (count + config.prior_points) / count

@@ -34,7 +34,9 @@ ONLY_IN = {
     "experiments/figures/one_trial.py": {"matplotlib"},
     "experiments/figures/over_time.py": {"matplotlib"},
     "experiments/figures/paper_scatter.py": {"matplotlib"},
+    "experiments/figures/made_maps.py": {"matplotlib"},
     "experiments/figures/slam_map.py": {"matplotlib"},
+    "experiments/map_quality.py": {"scipy"},
     "experiments/figures/recorded_log.py": {"matplotlib"},
     "experiments/bench/registration_peers.py": {"scipy", "small_gicp", "kiss_icp"},
 }
@@ -67,6 +69,7 @@ RANKS = (
         "lost",
         "front_end",
         "contradictions",
+        "icp_mapping",
         "loop_closing",
         "surfaces",
         "map_consistency",

@@ -13,12 +13,32 @@ Poses = Annotated[
     ),
 ]
 PlaceName = Annotated[str, typer.Option(help="A place by name, or the path of an MJCF file.")]
+TrialPlace = Annotated[
+    str | None,
+    typer.Option(
+        "--place",
+        help="A place by name, or the path of an MJCF file; default: room_fig4, of mapping"
+        " place_fig6.",
+    ),
+]
 Laser = Annotated[str, typer.Option(help="The laser range sensor carried.")]
 Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
 Methods = Annotated[
-    str | None, typer.Option("--method", help="Methods, by commas; default: paper,open3d,limit.")
+    str | None,
+    typer.Option(
+        "--method",
+        help="Methods, by commas; default: paper,open3d,limit; of mapping paper,limit.",
+    ),
 ]
 People = Annotated[int, typer.Option(min=0, help="People who walk about.")]
+TrialPeople = Annotated[
+    int | None,
+    typer.Option(
+        "--people",
+        min=0,
+        help="People who walk about; default: 0; of mapping 3, in every second trial.",
+    ),
+]
 Mismatch = Annotated[
     str, typer.Option(help="What is not as assumed: none, noisy, quiet, offset, mount or chair.")
 ]

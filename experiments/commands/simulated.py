@@ -4,7 +4,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,10 +18,11 @@ from experiments.commands.options import (
     Mismatch,
     Odometry,
     Out,
-    People,
     PlaceName,
     Poses,
     Seed,
+    TrialPeople,
+    TrialPlace,
     Trials,
     TurnRate,
 )
@@ -32,17 +33,19 @@ if TYPE_CHECKING:
 
 
 def run(
-    experiments: Annotated[list[str], typer.Argument(help="localization, kidnap, tracking.")],
+    experiments: Annotated[
+        list[str], typer.Argument(help="localization, kidnap, tracking, mapping.")
+    ],
     trials: Trials = PAPER_TRIALS,
     seed: Seed = 0,
     jobs: Jobs = None,
     out: Out = RESULTS,
     poses: Poses = "paper",
-    place: PlaceName = "room_fig4",
+    place: TrialPlace = None,
     laser: Laser = "urg_04lx",
     odometry: Odometry = "as_built",
     method: Methods = None,
-    people: People = 0,
+    people: TrialPeople = None,
     mismatch: Mismatch = "none",
     turn_rate: TurnRate = 0.5,
     duration: Duration = 30.0,
@@ -50,42 +53,41 @@ def run(
     """Runs the paper's experiments; the same command again goes on where it stopped."""
     from experiments.runs import Run, experiment_module
 
-    config = _config(poses, place, laser, odometry, method, people, mismatch, turn_rate, duration)
-    for name in experiments:
+    typed = poses, place, laser, odometry, method, people, mismatch, turn_rate, duration
+    configs = {name: _config(name, *typed) for name in experiments}
+    for name, config in configs.items():
         experiment_module(name).checked(config)
     has_raised = False
-    for name in experiments:
+    for name, config in configs.items():
         summary = _executed(Run(name, config, seed, trials, out / name), jobs)
         has_raised |= any(result["raised"] for result in summary["methods"].values())
     raise typer.Exit(1 if has_raised else 0)
 
 
 def trial(
-    experiment: Annotated[str, typer.Argument(help="localization, kidnap or tracking.")],
+    experiment: Annotated[str, typer.Argument(help="localization, kidnap, tracking or mapping.")],
     index: Annotated[int, typer.Option(min=0, help="Number of the trial within its run.")] = 0,
     seed: Seed = 0,
     out: Out = RESULTS,
     poses: Poses = "paper",
-    place: PlaceName = "room_fig4",
+    place: TrialPlace = None,
     laser: Laser = "urg_04lx",
     odometry: Odometry = "as_built",
     method: Methods = None,
-    people: People = 0,
+    people: TrialPeople = None,
     mismatch: Mismatch = "none",
     turn_rate: TurnRate = 0.5,
     duration: Duration = 30.0,
 ) -> None:
     """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
     from experiments.figures import trial_picture
-    from experiments.runs import experiment_module
-    from experiments.trials import config_hash, generator
+    from experiments.runs import experiment_module, trial_result
+    from experiments.trials import config_hash
 
-    module = experiment_module(experiment)
-    config = module.checked(
-        _config(poses, place, laser, odometry, method, people, mismatch, turn_rate, duration)
-    )
+    typed = poses, place, laser, odometry, method, people, mismatch, turn_rate, duration
+    config = experiment_module(experiment).checked(_config(experiment, *typed))
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
-    result = module.run_trial(config, generator(experiment, seed, index))
+    result = trial_result(experiment, config, seed, index)
     print(json.dumps(key | {"index": index} | result.record()))
     folder = out / experiment
     folder.mkdir(parents=True, exist_ok=True)
@@ -126,27 +128,31 @@ def calibrate(
 
 
 def _config(
+    experiment: str,
     poses: str,
-    place: str,
+    place: str | None,
     laser: str,
     odometry: str,
     method: str | None,
-    people: int,
+    people: int | None,
     mismatch: str,
     turn_rate: float,
     duration: float,
 ) -> "TrialConfig":
-    from experiments.methods import DEFAULT_METHODS
-    from experiments.trials import TrialConfig
+    """What was typed; None: as the experiment has it."""
+    from dataclasses import replace
 
-    return TrialConfig(
-        # any word may be typed for poses: TrialConfig.checked() refuses the wrong ones
-        poses=poses,  # type: ignore[arg-type]
-        place=place,
+    from experiments.runs import experiment_module
+
+    own = experiment_module(experiment).DEFAULTS
+    return replace(
+        own,
+        poses=poses,  # any word may be typed: checked() refuses the wrong ones
+        place=own.place if place is None else place,
         laser=laser,
         odometry=odometry,
-        methods=DEFAULT_METHODS if method is None else tuple(method.split(",")),
-        people=people,
+        methods=own.methods if method is None else tuple(method.split(",")),
+        people=own.people if people is None else people,
         mismatch=mismatch,
         turn_rate_radps=turn_rate,
         duration_s=duration,
@@ -157,29 +163,40 @@ def _executed(run: "Run", jobs: int | None) -> dict:
     """Executes a run under a progress line; prints its table and where its files are."""
     from rich.console import Console
 
-    from experiments.figures import run_figures, trial_picture
+    from experiments.figures import run_figures
     from experiments.progress import TrialProgress
-    from experiments.runs import experiment_module
     from experiments.tables import summary_table
-    from experiments.trials import generator
 
     console = Console(width=None if sys.stdout.isatty() else 140)
-    drawable: list[int] = []
+    records: dict[int, dict] = {}
     with TrialProgress(run.experiment, run.trials, run.config.methods) as progress:
 
         def on_trial(index: int, record: dict) -> None:
             progress.update(index, record)
-            if record["status"] == "ok":
-                drawable.append(index)
+            records[index] = record
 
         summary = run.execute(jobs or os.cpu_count() or 1, on_trial)
     console.print(summary_table(summary, run.config.poses))
-    if drawable:
-        index = min(drawable)
-        result = experiment_module(run.experiment).run_trial(
-            run.config, generator(run.experiment, run.seed, index)
-        )
-        trial_picture(run.folder, run.config, result, index)
+    _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
     run_figures(run.folder)
     console.print(f"results and figures: {run.folder}")
     return summary
+
+
+def _draw_trials(run: "Run", records: dict[int, dict]) -> None:
+    """The first trial that ran; of maps, the three worst of the last method too."""
+    from experiments.figures import trial_picture, worst_maps_picture
+    from experiments.map_statistics import worst_trials
+    from experiments.runs import trial_result
+
+    if not records:
+        return
+
+    def again(index: int) -> Any:
+        return trial_result(run.experiment, run.config, run.seed, index)
+
+    trial_picture(run.folder, run.config, again(min(records)), min(records))
+    if run.experiment == "mapping":
+        name = run.config.methods[-1]
+        worst = [(index, again(index)) for index in worst_trials(records, name)]
+        worst_maps_picture(run.folder, worst, name)

@@ -9,6 +9,11 @@ from experiments.figures.hypotheses import hypotheses_figure
 from experiments.figures.kidnap_map import kidnap_map
 from experiments.figures.localized_log import localized_log_picture
 from experiments.figures.lost_roc import lost_roc
+from experiments.figures.made_maps import (
+    made_maps_picture,
+    map_quality_figure,
+    worst_maps_picture,
+)
 from experiments.figures.mismatches import mismatch_figure
 from experiments.figures.one_trial import trial_picture
 from experiments.figures.over_time import over_time_figure
@@ -23,6 +28,8 @@ __all__ = [
     "kidnap_map",
     "localized_log_picture",
     "lost_roc",
+    "made_maps_picture",
+    "map_quality_figure",
     "mismatch_figure",
     "over_time_figure",
     "real_log_picture",
@@ -30,12 +37,15 @@ __all__ = [
     "scatter",
     "slam_map_picture",
     "trial_picture",
+    "worst_maps_picture",
 ]
 
 
 def run_figures(folder: Path) -> list[Path]:
     """All figures that the files of a run give, as PNG with an SVG beside each."""
     summary = json.loads((folder / "summary.json").read_text())
+    if summary["experiment"] == "mapping":
+        return [map_quality_figure(folder)]
     drawn = [bound_figure(folder)]
     if summary["paper_values"] is not None:
         drawn.append(scatter(folder))

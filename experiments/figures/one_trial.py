@@ -11,6 +11,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
 
 from experiments.figures.canvas import legend_below, saved
+from experiments.figures.made_maps import made_maps_picture
+from experiments.mapping import MappingResult
 from experiments.methods import KnownPlace
 from experiments.tracking import TrackingResult
 from experiments.trials import TrialConfig, TrialResult
@@ -23,12 +25,17 @@ _AGES = LinearSegmentedColormap.from_list("ages", [_FOUND, "#ffaa33"])
 """Of the beams of a scan: from the last to the first."""
 
 
-def trial_picture(folder: Path, config: TrialConfig, result: TrialResult, index: int) -> Path:
+def trial_picture(
+    folder: Path, config: TrialConfig, result: TrialResult | MappingResult, index: int
+) -> Path:
     """The room with one trial in it, a panel for each method.
 
     Of a robot that stands: the scans before and after, and the path of each method's search. Of a
-    drive: the true and the estimated path. Writes `trial_<index>.png` and `.svg` into the folder.
+    drive: the true and the estimated path. Of a place mapped: the maps. Writes `trial_<index>.png`
+    and `.svg` into the folder.
     """
+    if isinstance(result, MappingResult):
+        return made_maps_picture(folder, result, index)
     if isinstance(result, TrackingResult):
         figure = _drive_figure(config, result, index)
     else:

@@ -9,6 +9,9 @@ from slam.kernels import compiled
 
 _ALONG = 0.2
 """Sine of the angle to a surface: beams along it pass beside it."""
+_STRAIGHT, _SURE = 0.8, 0.8
+"""Chosen: of the sine, and of the farthest return of the scan: glass and black cloth return what
+meets them so, and nothing else."""
 
 
 @compiled
@@ -78,11 +81,16 @@ def looks_into(
     The scan's frame is at a pose (3,) in theirs, its beams start at an origin (2,) in it, angles:
     (B,) increasing, ranges: (B,). Of a point before the surface of which it stands, and where beams
     are no farther apart than coarsest_m: met where a beam beside it ends no farther from it than
-    the margin, passed where all beams about it end beyond.
+    the margin, passed where all beams about it end beyond, or come back from nowhere although the
+    surface, which returned others, is straight before the laser and well within its reach.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = angles.shape[0]
     step = (angles[count - 1] - angles[0]) / (count - 1)
+    reach = 0.0
+    for k in range(count):
+        if ranges[k] < math.inf:
+            reach = max(reach, ranges[k])
     eye_x = pose[0] + c * origin[0] - s * origin[1]
     eye_y = pose[1] + s * origin[0] + c * origin[1]
     for i in range(points.shape[0]):
@@ -118,5 +126,7 @@ def looks_into(
             is_met |= abs(ranges[k] - distance) <= margin
         if is_met:
             met[i] += before > 0.0
-        elif math.isfinite(nearest) and nearest > distance + margin:
+        elif nearest > distance + margin and (
+            nearest < math.inf or (abs(before) > _STRAIGHT * distance and distance < _SURE * reach)
+        ):
             passed[i] += 1
