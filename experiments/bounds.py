@@ -29,13 +29,13 @@ def scan_bound(
     )
     T_map_base = SE2.from_array(true_pose)
     beams = Beams.of(scan, known.T_base_laser)
-    ranges_m, _ = known.segment_map.ranges(beams, T_map_base)
+    ranges_m, _ = known.true_walls.ranges(beams, T_map_base)
     with np.errstate(invalid="ignore"):
         off_m = np.abs(beams.ranges_m - ranges_m)
     is_undisturbed = off_m <= _UNDISTURBED_SIGMAS * truth.noise.sigma_m(
         np.where(np.isfinite(ranges_m), ranges_m, 0.0)
     )
-    return cramer_rao_bound(beams, known.segment_map, truth, T_map_base, is_undisturbed)
+    return cramer_rao_bound(beams, known.true_walls, truth, T_map_base, is_undisturbed)
 
 
 def nees(error: FloatArray, covariance: FloatArray) -> float:

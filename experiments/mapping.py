@@ -6,9 +6,7 @@ it on the track: left to its own wheels, it would drive into a wall. `--poses ra
 without a track: a round through the whole free space, its points drawn.
 """
 
-import itertools
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Protocol
@@ -16,14 +14,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from experiments.map_quality import MapQuality, TrueMap
-from experiments.sources import MeasurementSource
+from experiments.mapping_drive import measured, round_through, track_or_round
 from experiments.trials import TrialConfig
 from experiments.worlds import simulated
-from kitasap_sim.drive import Driver, Pilot
 from kitasap_sim.laser import laser
 from kitasap_sim.places import Place
 from kitasap_sim.robot import OdometrySpread, odometry_preset
-from kitasap_sim.simulation import SensorFrame, Simulation
 from slam.arrays import BoolArray, FloatArray
 from slam.icp import IcpConfig, StopRule
 from slam.icp_mapping import IcpMapper
@@ -42,8 +38,6 @@ LEAST_SHARE = 0.99
 """Of precision and recall: what a map must have to be a success, beside MOST_ATE_M."""
 RATED_RANGE_M = {"urg_04lx": 4.0}
 """Hokuyo's data sheet: detection from 60 to 4 095 mm; what it returns from beyond is no promise."""
-_TOUR_M = 1.5
-"""Chosen: a round through a place comes so near to every spot of its free space."""
 
 # The paper gives no values; experiments.paper says why this threshold. Unlike on a known map, most
 # pairs farther apart than half a metre are of walls not seen before.
@@ -157,12 +151,11 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> MappingResult:
         place, config.laser, odometry, simulation_rng,
         people=config.people, mismatch=config.mismatch, range_max_m=range_max_m,
     )  # fmt: skip
-    corners_m = way(simulation.world, config, way_rng)
-    start = np.array([*corners_m[0], place.start[2]])
-    simulation.reset(start)
+    go = track_or_round if config.poses == "paper" else round_through
+    corners_m = go(simulation.world, way_rng)
     mappers = {name: _mapper(name, config) for name in config.methods}
     cpu_s, true_poses, times_s = dict.fromkeys(mappers, 0.0), [], []
-    for measurement, true in measured(config, simulation, corners_m):
+    for measurement, true in measured(config.known_place.laser, simulation, corners_m):
         true_poses.append(true)
         times_s.append(measurement.time_s)
         for name, mapper in mappers.items():
@@ -206,40 +199,6 @@ def checked(config: TrialConfig) -> TrialConfig:
 def true_map(config: TrialConfig) -> TrueMap:
     """What the map of a trial is held against; made once per process."""
     return _true_map(config.place, config.laser)
-
-
-def measured(
-    config: TrialConfig, simulation: Simulation, corners_m: FloatArray
-) -> Iterator[tuple[Measurement, FloatArray]]:
-    """The measurements of a drive along corners (C, 2) [m], each with the true pose (3,)."""
-    source = MeasurementSource(laser(config.laser), simulation.wheel_ticks())
-    for frame in _driven(simulation, corners_m):
-        yield source.measurement(frame), simulation.truth().pose
-
-
-def way(place: Place, config: TrialConfig, rng: np.random.Generator) -> FloatArray:
-    """(C, 2) corners of the track of a place, or of a round through all of it [m]."""
-    if config.poses == "paper" and len(place.track_m) > 1:
-        return place.track_m
-    left_m = rng.permutation(place.free_centres_m)
-    here_m = place.start[:2]
-    stops = [here_m]
-    while len(left_m := left_m[np.hypot(*(left_m - here_m).T) >= _TOUR_M]):
-        # the nearest of what is left, by the way there and not through the walls
-        off_m = np.hypot(*(left_m - here_m).T)
-        near = left_m[np.argsort(off_m, kind="stable")[:5]]
-        lengths = [np.hypot(*np.diff(place.way(here_m, spot), axis=0).T).sum() for spot in near]
-        here_m = near[int(np.argmin(lengths))]
-        stops.append(here_m)
-    # twice over the first part: a map is closed by coming back
-    stops += stops[:2]
-    ways = [place.way(one, other)[1:] for one, other in itertools.pairwise(stops)]
-    return np.concatenate([[stops[0]], *ways])
-
-
-def _driven(simulation: Simulation, corners_m: FloatArray) -> Iterator[SensorFrame]:
-    yield simulation.next_frame()
-    yield from Pilot(simulation, Driver(), by_sight=True).follow(corners_m)
 
 
 def _mapper(name: str, config: TrialConfig) -> AnyMapper:

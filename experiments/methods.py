@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from experiments.assumptions import assumed_laser
+from experiments.mapping_drive import made_surfaces
 from experiments.paper import PAPER_ICP
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place, PlaceMap
@@ -26,19 +27,22 @@ from slam.point_map import PointMap
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.surfaces import Surfaces
 from slam.surfel_grid import SurfelGrid
 
 
 @dataclass(frozen=True)
 class KnownPlace:
-    """What a robot is told beforehand: the true map at its laser's height, and the mounting.
+    """What a robot is told beforehand: a map, the true one at its laser's height, and the mounting.
 
-    laser: as it is sold; what the simulated one really does may differ.
+    laser: as it is sold; what the simulated one really does may differ. is_made: the map is the one
+    that the robot made itself on a drive before.
     """
 
     place: Place
     laser: LaserSpec
     map_spacing_m: float
+    is_made: bool = False
 
     @cached_property
     def T_base_laser(self) -> SE2:
@@ -48,17 +52,24 @@ class KnownPlace:
     @cached_property
     def point_map(self) -> PointMap:
         """The paper's database: points on all surfaces that the laser can see."""
+        if self.is_made:
+            return PointMap(self._made.points(self.map_spacing_m), self.map_spacing_m)
         return PointMap(self._map.points_m(self.map_spacing_m), self.map_spacing_m)
 
     @cached_property
     def line_map(self) -> LineMap:
         """The laboratory's earlier database: the straight ones among the surfaces."""
-        return LineMap(self._map.segments_m)
+        return LineMap(self._made.segments if self.is_made else self._map.segments_m)
+
+    @cached_property
+    def true_walls(self) -> SegmentMap:
+        """The true surfaces, whatever map the robot has: what a scan can tell is told by them."""
+        return SegmentMap.known(self._map.segments_m, is_one_sided=True)
 
     @cached_property
     def segment_map(self) -> SegmentMap:
-        """The surfaces themselves."""
-        return SegmentMap.known(self._map.segments_m, is_one_sided=True)
+        """The surfaces of the robot's map."""
+        return self._made.walls() if self.is_made else self.true_walls
 
     @cached_property
     def surfel_grid(self) -> SurfelGrid:
@@ -74,6 +85,10 @@ class KnownPlace:
     def laser_model(self) -> LaserModel:
         """What is assumed of the laser."""
         return assumed_laser(self.laser.name)
+
+    @cached_property
+    def _made(self) -> Surfaces:
+        return made_surfaces(self.place, self.laser)
 
     @cached_property
     def _map(self) -> PlaceMap:

@@ -28,6 +28,7 @@ from slam.se2 import SE2, wrap_angle
 from slam.verdict import Status, Verdict
 
 Poses = Literal["paper", "random", "anywhere"]
+MapOrigin = Literal["true", "made"]
 MAX_TURN_RATE_RADPS = 1.5
 """Chosen: faster, the tires slip."""
 _DISOWNED = (MatchStatus.LOST, MatchStatus.NOT_CONVERGED, MatchStatus.DEGENERATE)
@@ -44,7 +45,8 @@ class TrialConfig:
     free space; `anywhere`, of a kidnap, sets the robot down anywhere too. start_error_m,
     start_error_rad: how wrong the robot's belief is at a random start, uniform to either side on
     each axis. people: walk about meanwhile. mismatch: in what the simulated robot and world differ
-    from what is assumed, see `experiments.worlds`. turn_rate_radps, duration_s: of tracking. A
+    from what is assumed, see `experiments.worlds`. map: the true one, or `made`: that which the robot
+    made itself on a drive before. turn_rate_radps, duration_s: of tracking. A
     trial succeeds within success_m and success_rad.
     """
 
@@ -60,6 +62,7 @@ class TrialConfig:
     start_error_rad: float = math.radians(5)
     people: int = 0
     mismatch: str = "none"
+    map: MapOrigin = "true"
     turn_rate_radps: float = 0.5
     duration_s: float = 30.0
     success_m: float = VICINITY_M
@@ -73,6 +76,10 @@ class TrialConfig:
         if self.poses not in get_args(Poses):
             raise ValueError(
                 f"no poses called '{self.poses}'; there are: {', '.join(get_args(Poses))}"
+            )
+        if self.map not in get_args(MapOrigin):
+            raise ValueError(
+                f"no map called '{self.map}'; there are: {', '.join(get_args(MapOrigin))}"
             )
         checked_methods(self.methods, methods)
         odometry_preset(self.odometry)
@@ -110,12 +117,12 @@ class TrialConfig:
     @property
     def known_place(self) -> KnownPlace:
         """The place with its true map; made once per process."""
-        return _known_place(self.place, self.laser, self.map_spacing_m)
+        return _known_place(self.place, self.laser, self.map_spacing_m, self.map == "made")
 
 
 @cache
-def _known_place(place: str, laser_name: str, map_spacing_m: float) -> KnownPlace:
-    return KnownPlace(Place(place), laser(laser_name), map_spacing_m)
+def _known_place(place: str, laser_name: str, map_spacing_m: float, is_made: bool) -> KnownPlace:
+    return KnownPlace(Place(place), laser(laser_name), map_spacing_m, is_made)
 
 
 @dataclass(frozen=True)

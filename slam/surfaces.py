@@ -87,6 +87,11 @@ class Surfaces:
             raise ValueError("no surface was seen: nothing to localise by")
         return SegmentMap(self.segments, self.sigma_m, is_one_sided=True)
 
+    def moved(self, T: SE2) -> Surfaces:
+        """The same surfaces in another frame."""
+        ends = T @ self.segments.reshape(-1, 2)
+        return Surfaces(ends.reshape(-1, 2, 2), self.sigma_m, self.met, self.passed)
+
     def taken(self, chosen: BoolArray | IntArray) -> Surfaces:
         """Some of them."""
         return Surfaces(

@@ -42,6 +42,12 @@ TrialPeople = Annotated[
 Mismatch = Annotated[
     str, typer.Option(help="What is not as assumed: none, noisy, quiet, offset, mount or chair.")
 ]
+KnownMap = Annotated[
+    str,
+    typer.Option(
+        "--map", help="true: the map is exact; made: the robot made it itself on a drive before."
+    ),
+]
 TurnRate = Annotated[float, typer.Option(help="Of tracking [rad/s].")]
 Duration = Annotated[float, typer.Option(help="Of each drive of tracking [s].")]
 Seed = Annotated[int, typer.Option(min=0, help="Master seed of all random numbers.")]

@@ -13,6 +13,7 @@ from experiments.commands.options import (
     RESULTS,
     Duration,
     Jobs,
+    KnownMap,
     Laser,
     Methods,
     Mismatch,
@@ -47,13 +48,14 @@ def run(
     method: Methods = None,
     people: TrialPeople = None,
     mismatch: Mismatch = "none",
+    known_map: KnownMap = "true",
     turn_rate: TurnRate = 0.5,
     duration: Duration = 30.0,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
     from experiments.runs import Run, experiment_module
 
-    typed = poses, place, laser, odometry, method, people, mismatch, turn_rate, duration
+    typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
     configs = {name: _config(name, *typed) for name in experiments}
     for name, config in configs.items():
         experiment_module(name).checked(config)
@@ -76,6 +78,7 @@ def trial(
     method: Methods = None,
     people: TrialPeople = None,
     mismatch: Mismatch = "none",
+    known_map: KnownMap = "true",
     turn_rate: TurnRate = 0.5,
     duration: Duration = 30.0,
 ) -> None:
@@ -84,7 +87,7 @@ def trial(
     from experiments.runs import experiment_module, trial_result
     from experiments.trials import config_hash
 
-    typed = poses, place, laser, odometry, method, people, mismatch, turn_rate, duration
+    typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
     config = experiment_module(experiment).checked(_config(experiment, *typed))
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
     result = trial_result(experiment, config, seed, index)
@@ -136,6 +139,7 @@ def _config(
     method: str | None,
     people: int | None,
     mismatch: str,
+    known_map: str,
     turn_rate: float,
     duration: float,
 ) -> "TrialConfig":
@@ -147,13 +151,15 @@ def _config(
     own = experiment_module(experiment).DEFAULTS
     return replace(
         own,
-        poses=poses,  # any word may be typed: checked() refuses the wrong ones
+        # any word may be typed: checked() refuses the wrong ones
+        poses=poses,
         place=own.place if place is None else place,
         laser=laser,
         odometry=odometry,
         methods=own.methods if method is None else tuple(method.split(",")),
         people=own.people if people is None else people,
         mismatch=mismatch,
+        map=known_map,
         turn_rate_radps=turn_rate,
         duration_s=duration,
     )

@@ -10,9 +10,10 @@ from experiments.cli import main
 from experiments.figures import made_maps_picture, map_quality_figure, worst_maps_picture
 from experiments.map_quality import TrueMap
 from experiments.map_statistics import mapping_summary, worst_trials
-from experiments.mapping import DEFAULTS, NAME, checked, of_trial, run_trial, way
+from experiments.mapping import DEFAULTS, NAME, checked, of_trial, run_trial
+from experiments.mapping_drive import track_or_round
 from experiments.runs import trial_result
-from experiments.trials import generator
+from experiments.trials import TrialConfig, generator
 from kitasap_sim.laser import laser
 from kitasap_sim.places import Place, PlaceMap
 from tests.experiments.refusals import line_of_refusal
@@ -105,7 +106,7 @@ def test_worst_trials_are_those_that_failed_then_the_poorest(result):
 
 def test_round_through_a_place_without_a_track_comes_near_everywhere(box_room):
     place = Place(box_room)
-    corners_m = way(place, DEFAULTS, np.random.default_rng(0))
+    corners_m = track_or_round(place, np.random.default_rng(0))
     assert place.is_free(corners_m).all()
     off_m = np.linalg.norm(place.free_centres_m[:, None] - corners_m[None], axis=2).min(axis=1)
     assert off_m.max() < 1.6
@@ -120,11 +121,21 @@ def test_pictures_are_drawn(result, tmp_path):
     assert map_quality_figure(tmp_path).exists()
 
 
+@pytest.mark.slow
+def test_robot_finds_itself_on_the_map_that_it_made(box_room):
+    config = TrialConfig(place=box_room, poses="random", map="made", methods=("limit",))
+    results = [trial_result("localization", config, 0, index) for index in range(10)]
+    errors = np.array([one.outcomes["limit"].error[:2] for one in results])
+    assert all(one.outcomes["limit"].is_success for one in results)
+    assert np.hypot(*errors.T).max() < 0.015
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         (["--method", "open3d"], "no method called 'open3d'; there are: odometry, paper, limit"),
         (["--poses", "anywhere"], "poses of mapping are 'paper', the place's track, or 'random'"),
+        (["--map", "best"], "no map called 'best'; there are: true, made"),
         (["--place", "nowhere"], "no place called 'nowhere', nor a file"),
     ],
 )

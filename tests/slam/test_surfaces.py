@@ -95,6 +95,13 @@ def test_whoever_has_gone_is_left_out():
     assert off.max() < 0.3
 
 
+def test_surfaces_move_with_their_frame(surfaces):
+    T = SE2(1.0, -2.0, 0.7)
+    there = surfaces.moved(T)
+    assert np.allclose(there.points(), T @ surfaces.points())
+    assert there.sigma_m is surfaces.sigma_m
+
+
 def test_nothing_seen_gives_nothing():
     nothing = surfaces_of([])
     assert len(nothing) == 0
