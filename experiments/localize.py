@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.known_maps import KnownMap, LogConfig, map_of_file
+from experiments.known_maps import LogConfig, map_of_file
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
+from slam.known_map import KnownMap
 from slam.localization import Estimate
 from slam.readers.log import Log
 from slam.readers.recognition import read_log

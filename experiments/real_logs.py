@@ -17,11 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.known_maps import KnownMap, LogConfig, points_of_scans
+from experiments.known_maps import LogConfig, points_of_scans
 from experiments.protocols import DEFAULT_METHOD
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
 from slam.icp import CoarseToFineConfig
+from slam.known_map import KnownMap
 from slam.localization import Estimate, Localizer
 from slam.measurements import Measurement
 from slam.metrics import pose_errors

@@ -18,11 +18,12 @@ from typing import Any
 
 import numpy as np
 
-from experiments.known_maps import KnownMap, map_of_scans
+from experiments.known_maps import map_of_scans
 from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
 from slam.hypotheses import HypothesesConfig
+from slam.known_map import KnownMap
 from slam.localization import Estimate, Localizer
 from slam.lost import GuardConfig
 from slam.measurements import Measurement

@@ -7,6 +7,7 @@ from slam.beam_likelihood import BeamConfig, cramer_rao_bound, fisher_informatio
 from slam.beams import Beams
 from slam.calibration import Calibration, CalibrationConfig, calibrate
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
+from slam.known_map import KnownMap
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
@@ -55,6 +56,7 @@ __all__ = [
     "GuardConfig",
     "Hypothesis",
     "IcpConfig",
+    "KnownMap",
     "LaserModel",
     "LaserScan",
     "LimitMatcher",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -36,7 +36,7 @@ class LocalizerConfig:
 
     deskew: straighten each scan by the wheels; False: take it as it is. sweep_s: what a scan
     without beam times may have taken, so that much the pose may be late; chosen: a slow laser's
-    turn. fastest: (m/s, rad/s) of a robot of whose motion the first scan tells only that there is
+    turn. range_max_m: what lies farther is no return. fastest: (m/s, rad/s) of a robot of whose motion the first scan tells only that there is
     one.
     fuse: join a match that knows its covariance with the prediction; otherwise it replaces it.
     start_sigma_m, start_sigma_rad: how uncertain the first pose is, on each axis. max_nis:
@@ -48,6 +48,7 @@ class LocalizerConfig:
 
     deskew: bool = True
     sweep_s: float = 0.1
+    range_max_m: float = math.inf
     fastest: tuple[float, float] = (0.5, 1.0)
     fuse: bool = True
     start_sigma_m: float = 0.1
@@ -66,6 +67,8 @@ class LocalizerConfig:
         low, high = self.match_scales
         if not 0.0 < low <= 1.0 <= high < math.inf:
             raise ValueError(f"match_scales must lie about 1, not {self.match_scales}")
+        if not self.range_max_m > 0.0:
+            raise ValueError(f"range_max_m must be above 0, not {self.range_max_m}")
         bounds = (self.sweep_s, *self.fastest)
         if not all(math.isfinite(bound) and bound >= 0.0 for bound in bounds):
             raise ValueError(f"sweep_s and fastest must be 0 or more, not {bounds}")
@@ -143,6 +146,7 @@ class Localizer:
 
     def update(self, measurement: Measurement) -> Estimate:
         """One pass of Fig. 2. Without a match the prediction stands."""
+        measurement = replace(measurement, scan=measurement.scan.cut(self.config.range_max_m))
         motion, noise = measurement.motion, measurement.motion_covariance
         T_last, beam_times_s = self.T_map_base, measurement.scan.beam_times_s
         moved = self._predict(measurement.time_s, beam_times_s, motion, noise)  # step 1

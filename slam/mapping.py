@@ -10,7 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.beams import Beams
 from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
+from slam.known_map import USUAL_LASER, KnownMap
+from slam.laser_model import LaserModel
+from slam.localization import Localizer
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, MapVerdict, judged
 from slam.measurements import Measurement
@@ -85,11 +89,29 @@ class SlamMap:
 
     def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
         """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""
-        scans = [
+        return OccupancyGrid.of_scans(self._scans(), resolution_m)
+
+    def known(self, laser: LaserModel = USUAL_LASER) -> KnownMap:
+        """All that localising on the map needs, for a laser.
+
+        Raises ValueError for a map without a surface.
+        """
+        return KnownMap.of_surfaces(self.surfaces, laser)
+
+    def localizer(
+        self, T_base_laser: SE2, start: SE2 | None = None, laser: LaserModel = USUAL_LASER
+    ) -> Localizer:
+        """A localizer on the map, by `limit`, that knows when it is lost; start: None if unknown.
+
+        Raises ValueError for a map without a surface.
+        """
+        return self.known(laser).localizer("limit", start, T_base_laser)
+
+    def _scans(self) -> list[tuple[SE2, Beams]]:
+        return [
             (SE2.from_array(pose), keyframe.beams)
             for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
         ]
-        return OccupancyGrid.of_scans(scans, resolution_m)
 
     @cached_property
     def surfaces(self) -> Surfaces:

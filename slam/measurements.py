@@ -90,7 +90,10 @@ class LaserScan:
 
     def cut(self, range_max_m: float) -> LaserScan:
         """The same scan, in which what lies farther than range_max_m is no return."""
-        ranges_m = np.where(self.ranges_m > range_max_m, np.inf, self.ranges_m)
+        is_far = self.ranges_m > range_max_m
+        if not is_far.any():
+            return self
+        ranges_m = np.where(is_far, np.inf, self.ranges_m)
         return LaserScan(self.time_s, self.angles_rad, ranges_m, self.beam_times_s)
 
 

@@ -79,7 +79,7 @@ RANKS = (
         "matchers",
         "calibration",
     },
-    {"localization", "mapping", "slam_map_files"},
+    {"localization", "known_map", "mapping", "slam_map_files"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

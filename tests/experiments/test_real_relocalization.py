@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from experiments.cli import main
-from experiments.known_maps import KnownMap
 from experiments.real_logs import RealLogConfig
 from experiments.real_relocalization import Asked, Relocalized, table, teleported
+from slam.known_map import KnownMap
 from slam.localization import Estimate
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch

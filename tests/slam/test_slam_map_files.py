@@ -1,10 +1,13 @@
 """Maps in files: what is read is what was written, and what is none is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from slam.mapping import Mapper, SlamMap
 from slam.slam_map_files import read_slam_map, write_slam_map
+from slam.verdict import Status
 from tests.slam import ring
 
 
@@ -75,3 +78,22 @@ def test_old_map_is_whole_when_writing_fails(slam_map, tmp_path, monkeypatch):
         write_slam_map(path, slam_map)
     assert path.read_bytes() == b"the old one"
     assert [one.name for one in tmp_path.iterdir()] == ["map.kitasap"]
+
+
+def test_robot_finds_itself_on_a_map_that_was_read(slam_map, tmp_path):
+    write_slam_map(tmp_path / "map.kitasap", slam_map)
+    localizer = read_slam_map(tmp_path / "map.kitasap").localizer(ring.T_BASE_LASER)
+    poses = ring.way(0.9, 0.3)[60:70]
+    measurements = ring.drive(poses, np.random.default_rng(1))
+    # a reflection beyond the laser's range is no wall
+    ranges_m = measurements[-1].scan.ranges_m.copy()
+    ranges_m[::2] = 30.0
+    measurements[-1] = replace(
+        measurements[-1], scan=replace(measurements[-1].scan, ranges_m=ranges_m)
+    )
+    estimates = [localizer.update(measurement) for measurement in measurements]
+    assert estimates[0].verdict.status is not Status.TRACKING
+    assert estimates[-1].verdict.status is Status.TRACKING
+    # the map's frame is that of the first pose it was made from
+    true = ring.way(1.2, 0.3)[0].inverse() @ poses[-1]
+    assert estimates[-1].T_map_base.is_near(true, 0.1, 0.03)

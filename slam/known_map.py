@@ -1,0 +1,99 @@
+"""A known map with all that the methods make of it: what a `Localizer` on it needs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from slam.arrays import FloatArray
+from slam.icp import CoarseToFineConfig
+from slam.laser_model import LaserModel
+from slam.localization import Localizer, LocalizerConfig
+from slam.lost import Guard, GuardConfig
+from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
+from slam.occupancy_grid import OccupancyGrid
+from slam.point_map import PointMap
+from slam.range_noise import RangeNoise
+from slam.relocalization import FreeSpace, Relocalizer
+from slam.se2 import SE2
+from slam.segment_map import SegmentMap
+from slam.surfaces import Surfaces
+from slam.surfel_grid import SurfelGrid
+from slam.surfels import surfel_map
+
+METHODS = ("open3d", "fast", "limit")
+USUAL_LASER = LaserModel(RangeNoise(((0.0, 0.02),)), 0.0, 12.0)
+"""What is assumed of a laser of which nothing is told. chosen: at 12 m the beams of a SICK (1 degree)
+are 20 cm apart, as far as a related point may be from either of two neighbours; a SICK's noise of
+1 cm with what a scan's own way while it turns adds."""
+_SPACING_M = 0.05
+"""Of the points on walls that ICP is given."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownMap:
+    """A map with all that the methods make of it, for one laser.
+
+    points: (K, 2) [m] for ICP, spacing_m apart; drawn_walls: for the others, None: those that the
+    points make; is_free: where to search, None: anywhere; grid: that it was read from.
+    """
+
+    points: FloatArray
+    laser: LaserModel
+    drawn_walls: SegmentMap | None = None
+    is_free: FreeSpace | None = None
+    grid: OccupancyGrid | None = None
+    spacing_m: float = _SPACING_M
+    surfel_cell_m: float = 0.03
+
+    @staticmethod
+    def of_surfaces(surfaces: Surfaces, laser: LaserModel = USUAL_LASER) -> KnownMap:
+        """Of what scans saw. Raises ValueError for no surface."""
+        return KnownMap(surfaces.points(_SPACING_M), laser, surfaces.walls())
+
+    @cached_property
+    def point_map(self) -> PointMap:
+        """The points."""
+        return PointMap(self.points, self.spacing_m)
+
+    @cached_property
+    def walls(self) -> SegmentMap:
+        """The walls. Raises ValueError for points that make none anywhere."""
+        return surfel_map(self.points) if self.drawn_walls is None else self.drawn_walls
+
+    @cached_property
+    def surfels(self) -> SurfelGrid:
+        """The wall nearest to each spot."""
+        return SurfelGrid.of(self.walls, self.surfel_cell_m)
+
+    @cached_property
+    def relocalizer(self) -> Relocalizer:
+        """The search of the whole map."""
+        return Relocalizer.of(self.walls, self.surfels, self.laser, self.is_free)
+
+    def matcher(self, method: str, icp: CoarseToFineConfig | None = None) -> Matcher:
+        """A method by name; icp: of `open3d`.
+
+        Raises ValueError, naming those there are, for another.
+        """
+        if method not in METHODS:
+            raise ValueError(f"no method called '{method}' here; there are: {', '.join(METHODS)}")
+        if method == "open3d":
+            return Open3dMatcher(self.point_map, icp or CoarseToFineConfig())
+        fast = FastMatcher(self.surfels, self.laser)
+        return fast if method == "fast" else LimitMatcher(self.walls, self.laser, fast)
+
+    def localizer(
+        self,
+        method: str,
+        start: SE2 | None,
+        T_base_laser: SE2,
+        guard: GuardConfig | None = None,
+    ) -> Localizer:
+        """A localizer that knows when it is lost; start: None where nothing is known of it.
+
+        What lies beyond the laser's range is left out of its scans, as it is of the map.
+        """
+        config = LocalizerConfig(range_max_m=self.laser.range_max_m)
+        guarded = Guard(self.relocalizer, guard)
+        return Localizer(self.matcher(method), start, T_base_laser, config, guarded)
