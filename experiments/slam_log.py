@@ -16,12 +16,13 @@ from experiments.evaluation import Evaluation, evaluated
 from experiments.trial_log import write_atomically
 from slam.front_end import StepStatus
 from slam.map_files import write_map
-from slam.mapping import Mapper, MapperStep, SlamMap
+from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations
 from slam.pose_graph import write_g2o
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan
 from slam.readers.recognition import read_log
+from slam.slam_map import SlamMap
 from slam.slam_map_files import write_slam_map
 from slam.trajectory import Trajectory, read_tum, write_tum
 

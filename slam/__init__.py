@@ -14,7 +14,7 @@ from slam.localization import Estimate, Localizer, LocalizerConfig
 from slam.lost import Guard, GuardConfig
 from slam.map_consistency import MapVerdict
 from slam.map_files import read_map, write_map
-from slam.mapping import Mapper, MapperConfig, SlamMap
+from slam.mapping import Mapper, MapperConfig
 from slam.matchers import (
     FastMatcher,
     LimitMatcher,
@@ -37,6 +37,7 @@ from slam.scan_match import MatchStatus, ScanMatch
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.slam_map import SlamMap
 from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum

@@ -65,7 +65,8 @@ class Keyframe:
 
     T_map_base: where the front end placed it. T_before: its pose as seen from the keyframe before
     (identity for the first), covariance: (3, 3) of that. points: (N, 2) [m], base frame; beams: the
-    scan itself. is_break: the scans broke off before it.
+    scan itself. is_break: the scans broke off before it. session: in which it was taken, from 0;
+    T_map_base is in the frame of that session, which its first scan is the origin of.
     """
 
     time_s: float
@@ -75,6 +76,7 @@ class Keyframe:
     points: FloatArray
     beams: Beams
     is_break: bool
+    session: int = 0
 
     @cached_property
     def faced(self) -> FloatArray:
@@ -84,8 +86,8 @@ class Keyframe:
 
 @dataclass(frozen=True, eq=False)
 class FrontEndStep:
-    """Where a scan was placed: as seen from the keyframe of that index (-1: the map's origin,
-    before there is any); and how well it fits."""
+    """Where a scan was placed: as seen from the keyframe of that index (-1: the origin of its
+    session, if that has none); and how well it fits. T_map_base: as in `Keyframe`."""
 
     time_s: float
     keyframe: int
@@ -94,6 +96,7 @@ class FrontEndStep:
     status: StepStatus
     inlier_ratio: float
     is_keyframe: bool
+    session: int = 0
 
 
 class FrontEnd:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from slam.arrays import FloatArray
+from slam.beams import Beams
 from slam.icp import CoarseToFineConfig
 from slam.laser_model import LaserModel
 from slam.localization import Localizer, LocalizerConfig
@@ -28,6 +30,13 @@ are 20 cm apart, as far as a related point may be from either of two neighbours;
 1 cm with what a scan's own way while it turns adds."""
 _SPACING_M = 0.05
 """Of the points on walls that ICP is given."""
+
+
+def laser_seen(scans: Sequence[Beams]) -> LaserModel:
+    """`USUAL_LASER`, with no more range than any of some scans had."""
+    hits_m = [beams.ranges_m[beams.is_hit].max(initial=0.0) for beams in scans]
+    most_m = min(max(hits_m, default=0.0), USUAL_LASER.range_max_m)
+    return replace(USUAL_LASER, range_max_m=most_m) if most_m > 0.0 else USUAL_LASER
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,29 +73,40 @@ class LoopCloser:
         poses: FloatArray,
         asked: Sequence[int],
         sigma: tuple[float, float] = (0.0, 0.0),
+        others: range | None = None,
     ) -> list[Loop]:
         """The verified loops among keyframes at poses (K, 3).
 
-        asked: which are compared with all before them. sigma: how uncertain their poses are as seen
-        from the others [m], [rad].
+        asked: which are compared with those before them, of others; None: all. sigma: how uncertain
+        their poses are as seen from the others [m], [rad].
         """
-        pairs = self.proposed(poses, asked, sigma[0])
+        pairs = self.proposed(keyframes, poses, asked, sigma[0], others)
         loops = [self.verified(keyframes, poses, *pair, sigma) for pair in pairs]
         return [loop for loop in loops if loop is not None]
 
     def proposed(
-        self, poses: FloatArray, asked: Sequence[int], sigma_m: float
+        self,
+        keyframes: Sequence[Keyframe],
+        poses: FloatArray,
+        asked: Sequence[int],
+        sigma_m: float,
+        others: range | None = None,
     ) -> list[tuple[int, int]]:
         """Pairs (earlier, later) of keyframes that may have seen the same place."""
         config = self.config
         ways_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        # nobody knows how far the robot went between two sessions
+        ways_m[np.diff([keyframe.session for keyframe in keyframes]) > 0] += config.least_way_m
         way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
         radius_m = config.radius_m + min(2.0 * sigma_m, config.max_search_m)
         pairs = []
         for later in asked:
             off_m = np.hypot(*(poses[:later, :2] - poses[later, :2]).T)
             is_far_back = way_m[later] - way_m[:later] > config.least_way_m
-            near = np.flatnonzero((off_m <= radius_m) & is_far_back)
+            is_asked = (off_m <= radius_m) & is_far_back
+            if others is not None:
+                is_asked[: others.start] = is_asked[others.stop :] = False
+            near = np.flatnonzero(is_asked)
             off_m = off_m[near]
             turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
             chosen: list[int] = []

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 from slam.contradictions import passed
 from slam.front_end import Keyframe
 from slam.loop_closing import Loop
@@ -61,8 +61,8 @@ def judged(
 ) -> MapVerdict:
     """The verdict on a map of keyframes at poses (K, 3), with the loops that were kept and not."""
     config = config or ConsistencyConfig()
-    passed_ratio, bad_pairs, pairs = _contradicted(keyframes, poses, config)
-    reasons = list(_torn(keyframes, loops))
+    passed_ratio, bad_pairs, pairs = _contradicted(keyframes, poses, _near(poses, config), config)
+    reasons = _torn(keyframes, loops)
     if passed_ratio > config.most_passed:
         reasons.append(f"{100 * passed_ratio:.0f} % of what scans saw is where others saw nothing")
     if bad_pairs > config.most_bad_pairs:
@@ -75,11 +75,50 @@ def judged(
     return MapVerdict(not reasons, passed_ratio, bad_pairs, pairs, tuple(reasons))
 
 
+def do_contradict(
+    keyframes: Sequence[Keyframe], poses: FloatArray, first: int, config: ConsistencyConfig
+) -> bool:
+    """Whether keyframes from the first of a session on cannot be where they are, by those before."""
+    near = _near(poses, config)
+    near = near[(near[:, 0] < first) & (near[:, 1] >= first)]
+    passed_ratio, bad_pairs, _ = _contradicted(keyframes, poses, near, config)
+    return passed_ratio > config.most_passed or bad_pairs > config.most_bad_pairs
+
+
+def unjoined_sessions(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> tuple[int, ...]:
+    """Sessions, from 0, that no loop ties to any before."""
+    breaks, joined = _pieces(keyframes, loops)
+    sessions = [keyframes[0].session, *(keyframes[k].session for k in breaks)] if keyframes else []
+    return tuple(
+        session
+        for session in sorted(set(sessions))[1:]
+        if min(joined[k] for k, other in enumerate(sessions) if other == session)
+        >= sessions.index(session)
+    )
+
+
 def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> list[str]:
     """Where the scans broke off, and no loop ties what came after to what was before."""
+    breaks, joined = _pieces(keyframes, loops)
+    unjoined, reasons = unjoined_sessions(keyframes, loops), []
+    for piece in sorted(set(joined) - {0}):
+        before, after = keyframes[breaks[piece - 1] - 1], keyframes[breaks[piece - 1]]
+        if after.session > before.session and after.session in unjoined:
+            reasons.append(
+                f"session {after.session + 1}, from {after.time_s:.2f} s on, was never joined with"
+                " the map before it"
+            )
+        else:
+            reasons.append(
+                f"the scans broke off at {after.time_s:.2f} s, and nothing ties what came after to"
+                " what was before"
+            )
+    return reasons
+
+
+def _pieces(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> tuple[list[int], list[int]]:
+    """Keyframes at which the scans broke off; of each piece, the first one that loops tie it to."""
     breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
-    if not breaks:
-        return []
     piece = np.zeros(len(keyframes), dtype=np.int64)
     for k in breaks:
         piece[k:] += 1
@@ -87,23 +126,22 @@ def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> list[str]:
     for loop in loops:
         one, other = joined[piece[loop.earlier]], joined[piece[loop.later]]
         joined[joined == max(one, other)] = min(one, other)
-    loose = sorted({int(k) for k in joined} - {0})
-    return [
-        f"the scans broke off at {keyframes[breaks[k - 1]].time_s:.2f} s, and nothing ties what"
-        " came after to what was before"
-        for k in loose
-    ]
+    return breaks, joined.tolist()
+
+
+def _near(poses: FloatArray, config: ConsistencyConfig) -> IntArray:
+    """(P, 2) keyframes, at poses (K, 3), that should agree with one another."""
+    if len(poses) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    found = cKDTree(poses[:, :2]).query_pairs(config.radius_m, output_type="ndarray")
+    return found[np.abs(found[:, 1] - found[:, 0]) > config.apart]
 
 
 def _contradicted(
-    keyframes: Sequence[Keyframe], poses: FloatArray, config: ConsistencyConfig
+    keyframes: Sequence[Keyframe], poses: FloatArray, pairs: IntArray, config: ConsistencyConfig
 ) -> tuple[float, float, int]:
     """Share of points in view that were passed; share of bad pairs; pairs asked."""
-    if len(keyframes) < 2:
-        return 0.0, 0.0, 0
-    found = cKDTree(poses[:, :2]).query_pairs(config.radius_m, output_type="ndarray")
-    found = found[np.abs(found[:, 1] - found[:, 0]) > config.apart]
-    found = found[np.lexsort((found[:, 1], found[:, 0]))]
+    found = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     found = found[:: max(1, math.ceil(len(found) / config.most_pairs))]
     seen_all = passed_all = bad = asked = 0
     for one, other in found.tolist():

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.beams import Beams
 from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
-from slam.known_map import USUAL_LASER, KnownMap
-from slam.laser_model import LaserModel
-from slam.localization import Localizer
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
-from slam.map_consistency import ConsistencyConfig, MapVerdict, judged
+from slam.map_consistency import ConsistencyConfig, do_contradict, judged
 from slam.measurements import Measurement
-from slam.occupancy_grid import OccupancyGrid
-from slam.pose_graph import EdgeKernel, PoseGraph, PoseGraphConfig, PoseGraphSolution
+from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
-from slam.surfaces import Surfaces, surfaces_of
-from slam.trajectory import Trajectory
+from slam.session_joining import JoiningConfig, SessionJoiner
+from slam.slam_map import STEP_SIGMA, SlamMap, add_loop, add_step, graph_of
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
+_ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
+"""Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
+_ASIDE_M = 10.0
+"""Between the map and a session that was never joined with it; chosen: to be seen as such."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +40,7 @@ class MapperConfig:
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
     consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
+    joining: JoiningConfig = field(default_factory=JoiningConfig)
     start_m: float = 0.1
     drift_m: float = 0.01
     start_rad: float = 0.02
@@ -49,90 +48,23 @@ class MapperConfig:
     most_drift: tuple[float, float] = (2.5, 0.35)
     solve_every: int = 25
     online_iterations: int = 3
-    step_sigma: tuple[float, float, float] = (0.003, 0.003, 0.001)
+    step_sigma: tuple[float, float, float] = STEP_SIGMA
 
 
 @dataclass(frozen=True, eq=False)
 class MapperStep:
-    """One scan, placed: the pose on the map as it is so far, and how it was found."""
+    """One scan, placed: the pose on the map as it is so far, and how it was found.
+
+    is_joined: False while no scan has shown where on the map a second session lies. The pose is then
+    what follows from the start that was given, or as seen from the session's first one.
+    """
 
     time_s: float
     T_map_base: SE2
     status: StepStatus
     inlier_ratio: float
     loops: int
-
-
-@dataclass(frozen=True, eq=False)
-class SlamMap:
-    """What a drive has left: keyframes (K) with their poses (K, 3), and the loops among them.
-
-    rejected: loops that the others contradict. graph: steps between keyframes, and loops. steps:
-    every scan, as seen from its keyframe. verdict: whether the map is to be used.
-    """
-
-    keyframes: tuple[Keyframe, ...]
-    poses: FloatArray
-    loops: tuple[Loop, ...]
-    rejected: tuple[Loop, ...]
-    graph: PoseGraph
-    steps: tuple[FrontEndStep, ...]
-    verdict: MapVerdict
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """Where each scan was taken, in the order of the log."""
-        poses = [self.pose_of(step).as_array() for step in self.steps]
-        return Trajectory(
-            np.array([step.time_s for step in self.steps]), np.array(poses).reshape(-1, 3)
-        )
-
-    def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
-        """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""
-        return OccupancyGrid.of_scans(self._scans(), resolution_m)
-
-    def known(self, laser: LaserModel = USUAL_LASER) -> KnownMap:
-        """All that localising on the map needs, for a laser.
-
-        Raises ValueError for a map without a surface.
-        """
-        return KnownMap.of_surfaces(self.surfaces, laser)
-
-    def localizer(
-        self, T_base_laser: SE2, start: SE2 | None = None, laser: LaserModel = USUAL_LASER
-    ) -> Localizer:
-        """A localizer on the map, by `limit`, that knows when it is lost; start: None if unknown.
-
-        Raises ValueError for a map without a surface.
-        """
-        return self.known(laser).localizer("limit", start, T_base_laser)
-
-    def _scans(self) -> list[tuple[SE2, Beams]]:
-        return [
-            (SE2.from_array(pose), keyframe.beams)
-            for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
-        ]
-
-    @cached_property
-    def surfaces(self) -> Surfaces:
-        """What the keyframes saw, averaged; who walked by, and doors since opened, left out."""
-        return surfaces_of(
-            [
-                (SE2.from_array(pose), keyframe.faced, keyframe.beams)
-                for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
-            ]
-        )
-
-    @property
-    def points(self) -> FloatArray:
-        """(N, 2) points on the surfaces, 2 cm apart [m], map frame: the point database."""
-        return self.surfaces.points()
-
-    def pose_of(self, step: FrontEndStep) -> SE2:
-        """Where a scan was taken."""
-        if step.keyframe < 0:
-            return step.T_keyframe_base
-        return SE2.from_array(self.poses[step.keyframe]) @ step.T_keyframe_base
+    is_joined: bool = True
 
 
 class Mapper:
@@ -143,72 +75,219 @@ class Mapper:
         self._front_end = FrontEnd(T_base_laser, self.config.front_end)
         self._closer = LoopCloser(self.config.loops, self.config.front_end.surfaces)
         self._graph = PoseGraph()
+        self._keyframes: list[Keyframe] = []
         self._loops: list[Loop] = []
         self._loop_edges: list[int] = []
         self._steps: list[FrontEndStep] = []
         self._has_new = False
         self._since_loop_m = 0.0
+        self._session = self._first = self._first_step = 0
+        self._start = SE2.identity()
+        self._joiner: SessionJoiner | None = None
+        self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
+
+    @classmethod
+    def continued(
+        cls,
+        slam_map: SlamMap,
+        T_base_laser: SE2,
+        start: SE2 | None = None,
+        config: MapperConfig | None = None,
+    ) -> Mapper:
+        """A mapper whose next scan begins a new session on a map, somewhere on it or beside it.
+
+        The session is joined with the map once its scans show where; one that never is makes a map
+        that is called failed. start: pose of its first scan on the map, if that is known, within
+        half a metre or so. Raises ValueError for a map
+        that has a session which was never joined, or no wall to find a place by.
+        """
+        if slam_map.unjoined:
+            raise ValueError(
+                f"session {slam_map.unjoined[0] + 1} of the map was never joined with those before"
+                " it: continue the map as it was before that one"
+            )
+        mapper = cls(T_base_laser, config)
+        mapper._begin_session(slam_map, start)
+        return mapper
 
     def update(self, measurement: Measurement) -> MapperStep:
         """Places one scan, and closes the loops that it shows."""
+        if self._session > 0 and len(self._steps) == self._first_step:
+            # a session begins with its first scan, whatever the wheels did before
+            measurement = replace(
+                measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
+            )
         step = self._front_end.update(measurement)  # match with what was seen last
-        self._steps.append(step)
+        if step.keyframe >= 0:
+            step = replace(step, keyframe=self._first + step.keyframe)
+        self._steps.append(replace(step, session=self._session))
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
-        pose = step.T_map_base
+        pose = self._start @ step.T_map_base
         if step.keyframe >= 0:
             pose = self._graph.pose(step.keyframe) @ step.T_keyframe_base
-        return MapperStep(step.time_s, pose, step.status, step.inlier_ratio, len(self._loops))
+        return MapperStep(
+            step.time_s, pose, step.status, step.inlier_ratio, len(self._loops), self._is_joined
+        )
 
     def finish(self) -> SlamMap:
         """All loops once more from where the poses are now, and all poses adjusted to the end."""
-        keyframes = self._front_end.keyframes
         kept, rejected = self._loops, list[Loop]()
         if self._loops:
-            self._solve()
-            known = {(loop.earlier, loop.later) for loop in self._loops}
-            asked = range(0, len(keyframes), self.config.loops.every)
-            found = self._closer.found(keyframes, self._graph.poses, asked)
-            self._take([one for one in found if (one.earlier, one.later) not in known])
-            is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
-            is_rejected[self._solve().rejected_loops()] = True
-            of_loop = is_rejected[self._loop_edges]
-            kept = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if not bad]
-            rejected = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if bad]
-        poses = self._graph.poses
+            kept, rejected = self._adjusted()
+            if not self._holds():
+                self._unjoin()
+                if self._loops:
+                    kept, rejected = self._adjusted()
+                else:
+                    kept, rejected = [], []
+        keyframes, poses = self._keyframes.copy(), self._graph.poses
+        if 0 < self._first < len(keyframes):
+            if not self._is_joined and self._is_start_unknown:
+                poses = _set_aside(keyframes, poses, self._first)
+            before, after = SE2.from_array(poses[self._first - 1]), poses[self._first]
+            keyframes[self._first] = replace(
+                keyframes[self._first], T_before=before.inverse() @ SE2.from_array(after)
+            )
         verdict = judged(keyframes, poses, kept, rejected, self.config.consistency)
+        if self._first == len(keyframes) and len(self._steps) > self._first_step > 0:
+            said = f"session {self._session + 1} has no scan that tells anything"
+            verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
+        graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
         return SlamMap(
-            tuple(keyframes), poses, tuple(kept), tuple(rejected), self._graph,
-            tuple(self._steps), verdict,
+            tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(self._steps),
+            verdict,
         )  # fmt: skip
 
-    def _take(self, loops: list[Loop]) -> None:
+    def _adjusted(self) -> tuple[list[Loop], list[Loop]]:
+        """Loops kept and rejected once all are found that there are, and all poses adjusted."""
+        self._solve()
+        known = {(loop.earlier, loop.later) for loop in self._loops}
+        # those of the sessions before were asked when these ended
+        asked = [k for k in range(len(self._keyframes)) if k % self.config.loops.every == 0]
+        asked = [k for k in asked if k >= self._first]
+        found = self._closer.found(
+            self._keyframes, self._graph.poses, asked, others=self._comparable
+        )
+        self._take([one for one in found if (one.earlier, one.later) not in known])
+        is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
+        is_rejected[self._solve().rejected_loops()] = True
+        of_loop = is_rejected[self._loop_edges]
+        kept = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if not bad]
+        rejected = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if bad]
+        return kept, rejected
+
+    def _begin_session(self, slam_map: SlamMap, start: SE2 | None) -> None:
+        """Takes over all that was mapped before."""
+        self._keyframes, self._steps = list(slam_map.keyframes), list(slam_map.steps)
+        self._first, self._first_step = len(self._keyframes), len(self._steps)
+        self._session = slam_map.session_count
+        self._set_loops([*slam_map.loops, *slam_map.rejected], slam_map.poses)
+        if self._keyframes:
+            self._is_joined, self._is_start_unknown = False, start is None
+            self._start = start or SE2.identity()
+            self._joiner = SessionJoiner(
+                self._keyframes,
+                slam_map.poses,
+                self._closer,
+                start is not None,
+                self.config.joining,
+            )
+
+    def _set_loops(self, loops: list[Loop], poses: FloatArray) -> None:
+        """The pose graph anew, of these loops and poses."""
+        self._graph = graph_of(self._keyframes, loops, poses, self.config.step_sigma)
+        steps = max(len(self._keyframes) - 1, 0)
+        self._loops, self._loop_edges = loops, list(range(steps, steps + len(loops)))
+
+    def _take(self, loops: Sequence[Loop]) -> None:
         """Makes loops part of the pose graph."""
         for loop in loops:
-            self._loop_edges.append(_add_loop(self._graph, loop))
+            self._loop_edges.append(add_loop(self._graph, loop))
         self._loops += loops
 
     def _add_keyframe(self, keyframe: Keyframe) -> None:
         """Notes where the keyframe is seen from the last one, and the loops that it closes."""
         config, index = self.config, self._graph.node_count
+        keyframe = self._of_session(keyframe, index)
+        self._keyframes.append(keyframe)
         if index == 0:
             self._graph.add_node(keyframe.T_map_base)
         else:
             self._graph.add_node(self._graph.pose(index - 1) @ keyframe.T_before)
-            _add_step(self._graph, index, keyframe, config.step_sigma)
+            add_step(self._graph, index, keyframe, config.step_sigma)
             self._since_loop_m += math.hypot(keyframe.T_before.x, keyframe.T_before.y)
         if keyframe.is_break:
             self._since_loop_m += _TORN_M
+        if index == self._first:
+            self._since_loop_m = 0.0
+        if not self._is_joined:
+            self._look_for_join()
         if index % config.loops.every == 0:
             found = self._closer.found(
-                self._front_end.keyframes, self._graph.poses, [index], self._drift()
+                self._keyframes, self._graph.poses, [index], self._drift(), self._comparable
             )
+            known = {loop.earlier for loop in self._loops if loop.later == index}
+            found = [loop for loop in found if loop.earlier not in known]
             if found:
                 self._take(found)
                 self._since_loop_m, self._has_new = 0.0, True
         if self._has_new and index % config.solve_every == 0:
             self._solve(config.online_iterations)
             self._has_new = False
+        if index >= self._check_at:
+            self._check_at = index + 2 * (index - self._first)
+            if not self._holds(config.joining.most_checked):
+                self._unjoin()
+
+    def _of_session(self, keyframe: Keyframe, index: int) -> Keyframe:
+        """The keyframe with its session; the first of one is seen from no other."""
+        keyframe = replace(keyframe, session=self._session)
+        if index != self._first:
+            return keyframe
+        back = keyframe.T_map_base.inverse()
+        for at in range(self._first_step, len(self._steps)):  # scans before, which told nothing
+            step = self._steps[at]
+            self._steps[at] = replace(step, keyframe=index, T_keyframe_base=back @ step.T_map_base)
+        if index == 0:
+            return keyframe
+        way = self._graph.pose(index - 1).inverse() @ self._start @ keyframe.T_map_base
+        return replace(keyframe, T_before=way, covariance=_ANYWHERE, is_break=True)
+
+    @property
+    def _comparable(self) -> range | None:
+        """The keyframes of which it is known where they lie as seen from the last one; None: all."""
+        return None if self._is_joined else range(self._first, len(self._keyframes))
+
+    def _look_for_join(self) -> None:
+        """Joins the session with the map, if the last keyframe shows where it lies."""
+        assert self._joiner is not None
+        poses = self._graph.poses
+        join = self._joiner.look(self._keyframes, poses)
+        if join is None:
+            return
+        self._graph.set_poses(join.moved(poses, self._first))
+        self._take(join.loops)
+        self._since_loop_m, self._has_new, self._is_joined = 0.0, True, True
+        self._check_at = len(self._keyframes) - 1 + self.config.joining.first_check
+
+    def _holds(self, most_pairs: int | None = None) -> bool:
+        """Whether the session's scans may have been taken where it was joined with the map."""
+        if self._joiner is None or not self._is_joined:
+            return True
+        against = self.config.joining.against
+        if most_pairs is not None:
+            against = replace(against, most_pairs=most_pairs)
+        return not do_contradict(self._keyframes, self._graph.poses, self._first, against)
+
+    def _unjoin(self) -> None:
+        """Takes back a join that was wrong: the session is a piece of its own again."""
+        assert self._joiner is not None
+        first = self._first
+        loops = [one for one in self._loops if not one.earlier < first <= one.later]
+        self._set_loops(loops, self._graph.poses)
+        self._joiner.reject()
+        self._is_joined, self._check_at = False, math.inf
 
     def _drift(self) -> tuple[float, float]:
         """How far the last pose may be off as seen from those before the last loop [m], [rad]."""
@@ -226,34 +305,14 @@ class Mapper:
         return solution
 
 
-def graph_of(
-    keyframes: Sequence[Keyframe],
-    loops: Sequence[Loop],
-    poses: FloatArray,
-    config: MapperConfig | None = None,
-) -> PoseGraph:
-    """The pose graph of keyframes at poses (K, 3): the steps between them, then the loops."""
-    config, graph = config or MapperConfig(), PoseGraph()
-    for pose in poses:
-        graph.add_node(SE2.from_array(pose))
-    for index, keyframe in enumerate(keyframes[1:], start=1):
-        _add_step(graph, index, keyframe, config.step_sigma)
-    for loop in loops:
-        _add_loop(graph, loop)
-    return graph
-
-
-def _add_step(
-    graph: PoseGraph, index: int, keyframe: Keyframe, step_sigma: tuple[float, float, float]
-) -> None:
-    """The way from the keyframe before."""
-    own = np.diag(np.square(step_sigma))
-    information = np.linalg.inv(keyframe.covariance + own)
-    graph.add_edge(index - 1, index, keyframe.T_before, information)
-
-
-def _add_loop(graph: PoseGraph, loop: Loop) -> int:
-    """The number of the loop's edge."""
-    return graph.add_edge(
-        loop.earlier, loop.later, loop.T_earlier_later, loop.information, EdgeKernel.LOOP
-    )
+def _set_aside(keyframes: Sequence[Keyframe], poses: FloatArray, first: int) -> FloatArray:
+    """Poses (K, 3), of which those from the first of a session on are moved beside all others."""
+    ends = [
+        (SE2.from_array(pose) @ keyframe.points)[:, 0]
+        for keyframe, pose in zip(keyframes, poses, strict=True)
+    ]
+    most_m = max(float(x.max(initial=-math.inf)) for x in ends[:first])
+    least_m = min(float(x.min(initial=math.inf)) for x in ends[first:])
+    moved = poses.copy()
+    moved[first:, 0] += most_m + _ASIDE_M - least_m
+    return moved

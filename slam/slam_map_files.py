@@ -13,11 +13,12 @@ from slam.beams import Beams
 from slam.front_end import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict
-from slam.mapping import SlamMap, graph_of
 from slam.se2 import SE2
+from slam.slam_map import SlamMap, graph_of
 from slam.whole_files import write_whole
 
-VERSION = 1
+VERSION = 2
+"""Of version 1 a map had one session, and did not say so."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""
@@ -65,11 +66,14 @@ def read_slam_map(path: str | Path) -> SlamMap:
         ) from None
     if kind != _KIND:
         raise ValueError(f"{path.name}: expected a {_KIND}, not a {kind!r}")
-    if int(arrays["version"]) != VERSION:
+    if not 1 <= int(arrays["version"]) <= VERSION:
         raise ValueError(
             f"{path.name}: its version is {int(arrays['version'])}, and this library reads"
-            f" {VERSION}: install the one that wrote it"
+            f" 1 to {VERSION}: install the one that wrote it"
         )
+    if int(arrays["version"]) == 1:
+        for name in ("keyframe", "step"):
+            arrays[f"{name}_sessions"] = np.zeros(len(arrays[f"{name}_times_s"]), np.int64)
     try:
         return _map_of(arrays)
     except (KeyError, IndexError, ValueError) as error:
@@ -88,6 +92,7 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "keyframe_ways": _poses([one.T_before for one in keyframes]),
         "keyframe_covariances": _stacked([one.covariance for one in keyframes], (0, 3, 3)),
         "keyframe_is_break": np.array([one.is_break for one in keyframes], dtype=np.bool_),
+        "keyframe_sessions": np.array([one.session for one in keyframes], dtype=np.int64),
         "point_counts": np.array([len(one.points) for one in keyframes], dtype=np.int64),
         "points": _joined([one.points for one in keyframes], (0, 2)),
         "beam_counts": np.array([len(one.beams) for one in keyframes], dtype=np.int64),
@@ -106,6 +111,7 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "step_statuses": np.array([_STATUSES.index(one.status) for one in steps], dtype=np.int64),
         "step_inliers": np.array([one.inlier_ratio for one in steps]),
         "step_is_keyframe": np.array([one.is_keyframe for one in steps], dtype=np.bool_),
+        "step_sessions": np.array([one.session for one in steps], dtype=np.int64),
         "verdict": np.array(
             [verdict.is_good, verdict.passed_ratio, verdict.bad_pairs, verdict.pairs], dtype=float
         ),
@@ -128,11 +134,12 @@ def _map_of(arrays: _Arrays) -> SlamMap:
     keyframes = tuple(
         Keyframe(
             float(time_s), SE2.from_array(pose), SE2.from_array(way), covariance, cloud, fan,
-            bool(is_break),
+            bool(is_break), int(session),
         )
-        for time_s, pose, way, covariance, cloud, fan, is_break in zip(
+        for time_s, pose, way, covariance, cloud, fan, is_break, session in zip(
             arrays["keyframe_times_s"], arrays["keyframe_poses"], arrays["keyframe_ways"],
-            arrays["keyframe_covariances"], points, beams, arrays["keyframe_is_break"], strict=True,
+            arrays["keyframe_covariances"], points, beams, arrays["keyframe_is_break"],
+            arrays["keyframe_sessions"], strict=True,
         )
     )  # fmt: skip
     loops = tuple(
@@ -145,12 +152,12 @@ def _map_of(arrays: _Arrays) -> SlamMap:
     steps = tuple(
         FrontEndStep(
             float(time_s), int(keyframe), SE2.from_array(way), SE2.from_array(pose),
-            _STATUSES[int(status)], float(inliers), bool(is_keyframe),
+            _STATUSES[int(status)], float(inliers), bool(is_keyframe), int(session),
         )
-        for time_s, keyframe, way, pose, status, inliers, is_keyframe in zip(
+        for time_s, keyframe, way, pose, status, inliers, is_keyframe, session in zip(
             arrays["step_times_s"], arrays["step_keyframes"], arrays["step_ways"],
             arrays["step_poses"], arrays["step_statuses"], arrays["step_inliers"],
-            arrays["step_is_keyframe"], strict=True,
+            arrays["step_is_keyframe"], arrays["step_sessions"], strict=True,
         )
     )  # fmt: skip
     kept, numbers = int(arrays["loops_kept"]), arrays["verdict"]

@@ -7,9 +7,10 @@ import pytest
 
 from slam.front_end import StepStatus
 from slam.map_consistency import judged
-from slam.mapping import Mapper, SlamMap
+from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
+from slam.slam_map import SlamMap
 from tests.slam import ring
 
 

@@ -1,0 +1,154 @@
+"""A map made of scans: keyframes, where they were taken, and the loops among them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.front_end import FrontEndStep, Keyframe
+from slam.known_map import KnownMap, laser_seen
+from slam.laser_model import LaserModel
+from slam.localization import Localizer
+from slam.loop_closing import Loop
+from slam.map_consistency import MapVerdict, unjoined_sessions
+from slam.occupancy_grid import OccupancyGrid
+from slam.pose_graph import EdgeKernel, PoseGraph
+from slam.se2 import SE2
+from slam.surfaces import Surfaces, surfaces_of
+from slam.trajectory import Trajectory
+
+STEP_SIGMA = (0.003, 0.003, 0.001)
+"""(m, m, rad) of the motion between two keyframes beside what the front end says; chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class SlamMap:
+    """What a drive has left: keyframes (K) with their poses (K, 3), and the loops among them.
+
+    rejected: loops that the others contradict. graph: steps between keyframes, and loops. steps:
+    every scan, as seen from its keyframe. verdict: whether the map is to be used. Of several
+    sessions, one after the other; their stamps may overlap, or go back.
+    """
+
+    keyframes: tuple[Keyframe, ...]
+    poses: FloatArray
+    loops: tuple[Loop, ...]
+    rejected: tuple[Loop, ...]
+    graph: PoseGraph
+    steps: tuple[FrontEndStep, ...]
+    verdict: MapVerdict
+
+    @property
+    def session_count(self) -> int:
+        """How many sessions it was made in."""
+        return 1 + max((step.session for step in self.steps), default=-1)
+
+    @property
+    def unjoined(self) -> tuple[int, ...]:
+        """Sessions, from 0, of which nobody knows where they lie on the map of those before."""
+        blind = {step.session for step in self.steps if step.keyframe < 0} - {0}
+        return tuple(sorted({*blind, *unjoined_sessions(self.keyframes, self.loops)}))
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Where each scan was taken, in the order of the log; one session after the other."""
+        return self._trajectory(self.steps)
+
+    def trajectory_of(self, session: int) -> Trajectory:
+        """Where each scan of one session, counted from 0, was taken."""
+        return self._trajectory([step for step in self.steps if step.session == session])
+
+    def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
+        """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""
+        scans = [
+            (SE2.from_array(pose), keyframe.beams)
+            for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
+        ]
+        return OccupancyGrid.of_scans(scans, resolution_m)
+
+    def known(self, laser: LaserModel | None = None) -> KnownMap:
+        """All that localising on the map needs, for a laser; None: as its own scans show it.
+
+        Raises ValueError for a map without a surface.
+        """
+        laser = laser or laser_seen([keyframe.beams for keyframe in self.keyframes])
+        return KnownMap.of_surfaces(self.surfaces, laser)
+
+    def localizer(
+        self, T_base_laser: SE2, start: SE2 | None = None, laser: LaserModel | None = None
+    ) -> Localizer:
+        """A localizer on the map, by `limit`, that knows when it is lost; start: None if unknown.
+
+        Raises ValueError for a map without a surface.
+        """
+        return self.known(laser).localizer("limit", start, T_base_laser)
+
+    @cached_property
+    def surfaces(self) -> Surfaces:
+        """What the keyframes saw, averaged; who walked by, and doors since opened, left out."""
+        return surfaces_seen(self.keyframes, self.poses)
+
+    @property
+    def points(self) -> FloatArray:
+        """(N, 2) points on the surfaces, 2 cm apart [m], map frame: the point database."""
+        return self.surfaces.points()
+
+    def pose_of(self, step: FrontEndStep) -> SE2:
+        """Where a scan was taken."""
+        if step.keyframe < 0:
+            return step.T_keyframe_base
+        return SE2.from_array(self.poses[step.keyframe]) @ step.T_keyframe_base
+
+    def _trajectory(self, steps: Sequence[FrontEndStep]) -> Trajectory:
+        poses = [self.pose_of(step).as_array() for step in steps]
+        return Trajectory(np.array([step.time_s for step in steps]), np.array(poses).reshape(-1, 3))
+
+
+def surfaces_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> Surfaces:
+    """The surfaces that keyframes at poses (K, 3) saw."""
+    return surfaces_of(
+        [
+            (SE2.from_array(pose), keyframe.faced, keyframe.beams)
+            for keyframe, pose in zip(keyframes, poses, strict=True)
+        ]
+    )
+
+
+def graph_of(
+    keyframes: Sequence[Keyframe],
+    loops: Sequence[Loop],
+    poses: FloatArray,
+    step_sigma: tuple[float, float, float] = STEP_SIGMA,
+) -> PoseGraph:
+    """The pose graph of keyframes at poses (K, 3): the steps between them, then the loops."""
+    graph = PoseGraph()
+    for pose in poses:
+        graph.add_node(SE2.from_array(pose))
+    for index, keyframe in enumerate(keyframes[1:], start=1):
+        add_step(graph, index, keyframe, step_sigma)
+    for loop in loops:
+        add_loop(graph, loop)
+    return graph
+
+
+def add_step(
+    graph: PoseGraph,
+    index: int,
+    keyframe: Keyframe,
+    step_sigma: tuple[float, float, float] = STEP_SIGMA,
+) -> None:
+    """Adds the way from the keyframe before."""
+    own = np.diag(np.square(step_sigma))
+    information = np.linalg.inv(keyframe.covariance + own)
+    graph.add_edge(index - 1, index, keyframe.T_before, information)
+
+
+def add_loop(graph: PoseGraph, loop: Loop) -> int:
+    """The number of the loop's edge."""
+    return graph.add_edge(
+        loop.earlier, loop.later, loop.T_earlier_later, loop.information, EdgeKernel.LOOP
+    )

@@ -1,0 +1,173 @@
+"""Maps continued in a second session: joined where its scans show where it is, or said to be not."""
+
+import io
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.mapping import Mapper, MapperStep
+from slam.measurements import Measurement
+from slam.metrics import absolute_errors
+from slam.se2 import SE2
+from slam.slam_map import SlamMap
+from slam.slam_map_files import read_slam_map, write_slam_map
+from tests.slam import ring
+from tests.slam.synthetic import box, room
+
+WAY = ring.way(1.4, 0.3)
+FIRST, SECOND = WAY[:110], WAY[50:170]
+"""Half a lap, and the rest of it from the middle of that on."""
+
+
+def mapped(measurements, mapper: Mapper | None = None) -> tuple[SlamMap, list[MapperStep]]:
+    mapper = mapper or Mapper(ring.T_BASE_LASER)
+    steps = [mapper.update(measurement) for measurement in measurements]
+    return mapper.finish(), steps
+
+
+def continued(slam_map: SlamMap, measurements, start: SE2 | None = None):
+    return mapped(measurements, Mapper.continued(slam_map, ring.T_BASE_LASER, start))
+
+
+def blinded(measurements: list[Measurement], count: int) -> list[Measurement]:
+    return [
+        replace(one, scan=replace(one.scan, ranges_m=np.full_like(one.scan.ranges_m, np.nan)))
+        if k < count
+        else one
+        for k, one in enumerate(measurements)
+    ]
+
+
+@pytest.fixture(scope="module")
+def first() -> SlamMap:
+    return mapped(ring.drive(FIRST, np.random.default_rng(0)))[0]
+
+
+@pytest.fixture(scope="module")
+def both(first) -> tuple[SlamMap, list[MapperStep]]:
+    # the first two scans tell nothing
+    return continued(first, blinded(ring.drive(SECOND, np.random.default_rng(1)), 2))
+
+
+def test_second_session_is_joined_where_it_is(first, both):
+    slam_map, steps = both
+    assert slam_map.verdict.is_good
+    assert slam_map.unjoined == ()
+    assert slam_map.session_count == 2
+    # the stamps of the sessions are the same, and the poses of each are told apart
+    assert slam_map.steps[0].time_s == slam_map.steps[len(first.steps)].time_s == 0.0
+    assert [len(slam_map.trajectory_of(k)) for k in (0, 1)] == [len(FIRST), len(SECOND)]
+    true = np.array([pose.as_array() for pose in (*FIRST, *SECOND)])
+    errors = absolute_errors(slam_map.trajectory.poses, true).position_m
+    assert errors.rmse < 0.05
+    assert errors.max < 0.15
+    count = len(first.keyframes)
+    assert sum(loop.earlier < count <= loop.later for loop in slam_map.loops) > 5
+
+
+def test_pose_is_told_on_the_map_from_the_join_on(both):
+    _, steps = both
+    is_joined = [step.is_joined for step in steps]
+    at = is_joined.index(True)
+    assert 0 < at < 40
+    assert all(is_joined[at:])
+    true = FIRST[0].inverse() @ SECOND[-1]
+    assert steps[-1].T_map_base.is_near(true, 0.15, 0.05)
+    assert steps[0].T_map_base.is_near(SE2.identity(), 1e-9, 1e-9)
+
+
+def test_map_that_was_kept_is_continued_as_the_one_at_hand(first, tmp_path):
+    measurements = ring.drive(SECOND[:16], np.random.default_rng(1))
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, first)
+    found = []
+    for slam_map in (first, read_slam_map(path)):
+        write_slam_map(path, continued(slam_map, measurements)[0])
+        found.append(path.read_bytes())
+    assert found[0] == found[1]
+    again = read_slam_map(path)
+    assert [again.session_count, again.keyframes[-1].session] == [2, 1]
+    write_slam_map(path, again)
+    assert path.read_bytes() == found[0]
+
+
+def test_session_in_another_building_is_never_joined_and_said_to_be_so(first):
+    walls = np.concatenate([room(-4.0, -3.0, 9.0, 4.0), box(2.0, 1.0, 3.0, 4.0)])
+    elsewhere = [SE2(-2.0 + 0.3 * k, -1.0, 0.0) for k in range(14)]
+    slam_map, steps = continued(first, ring.drive(elsewhere, np.random.default_rng(2), walls=walls))
+    assert not any(step.is_joined for step in steps)
+    assert not slam_map.verdict.is_good
+    assert slam_map.unjoined == (1,)
+    assert slam_map.verdict.reasons == (
+        "session 2, from 0.00 s on, was never joined with the map before it",
+    )
+    # the map is as it was, and nothing of the other is drawn into it
+    count = len(first.keyframes)
+    np.testing.assert_allclose(slam_map.poses[:count], first.poses, atol=1e-6)
+    beside = slam_map.points[:, 0] > first.points[:, 0].max() + 5.0
+    assert beside.sum() > 200
+    off_m = np.linalg.norm(slam_map.points[~beside, None] - first.points, axis=2).min(axis=1)
+    assert np.quantile(off_m, 0.99) < 0.05
+    with pytest.raises(ValueError, match="session 2 of the map was never joined"):
+        Mapper.continued(slam_map, ring.T_BASE_LASER)
+
+
+def test_join_is_taken_back_when_the_scans_contradict_it(first):
+    # the same corridor, and behind its corner another building
+    walls = ring.RING.copy()
+    walls[np.isclose(walls, 13.5) & (np.arange(2) == 0)] = 16.5
+    walls = np.concatenate([walls, box(10.5, 2.5, 12.4, 12.0)])
+    poses = [*WAY[:42]]
+    corner = poses[-1]
+    poses += [corner @ SE2(0.3 * k, 0.0, 0.0) for k in range(1, 6)]
+    turn = poses[-1]
+    poses += [turn @ SE2(0.0, 0.0, 0.25 * k) for k in range(1, 7)]
+    poses += [poses[-1] @ SE2(0.3 * k, 0.0, 0.0) for k in range(1, 40)]
+    slam_map, steps = continued(first, ring.drive(poses, np.random.default_rng(3), walls=walls))
+    assert any(step.is_joined for step in steps)
+    assert not slam_map.verdict.is_good
+    assert slam_map.unjoined == (1,)
+
+
+def test_start_that_is_told_needs_no_search_and_a_wrong_one_is_not_believed(first, monkeypatch):
+    monkeypatch.setattr("slam.session_joining.Guard", lambda *_: pytest.fail("searched"))
+    measurements = ring.drive(SECOND[:20], np.random.default_rng(1))
+    true = FIRST[0].inverse() @ SECOND[0]
+    slam_map, steps = continued(first, measurements, true @ SE2(0.3, -0.2, 0.1))
+    assert steps[0].T_map_base.is_near(true, 0.4, 0.11)
+    assert steps[-1].is_joined
+    assert slam_map.verdict.is_good
+    assert slam_map.trajectory_of(1).poses[0] == pytest.approx(true.as_array(), abs=0.1)
+    slam_map, _ = continued(first, measurements, true @ SE2(2.0, 0.0, 1.5))
+    assert not slam_map.verdict.is_good
+    assert slam_map.unjoined == (1,)
+
+
+def test_session_that_saw_nothing_fails_the_map(first):
+    measurements = ring.drive(SECOND[:5], np.random.default_rng(1))
+    slam_map, _ = continued(first, blinded(measurements, 5))
+    assert not slam_map.verdict.is_good
+    assert slam_map.unjoined == (1,)
+    assert len(slam_map.trajectory) == len(FIRST) + 5
+
+
+def test_map_of_the_first_version_is_read_as_one_session(first, tmp_path):
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, first)
+    old = io.BytesIO()
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(old, "w") as written:
+        for name in archive.namelist():
+            content = io.BytesIO()
+            if name == "version.npy":
+                np.save(content, np.array(1))
+            elif not name.endswith("sessions.npy"):
+                content.write(archive.read(name))
+            else:
+                continue
+            written.writestr(name, content.getvalue())
+    path.write_bytes(old.getvalue())
+    again = read_slam_map(path)
+    assert again.session_count == 1
+    assert {keyframe.session for keyframe in again.keyframes} == {0}
