@@ -87,4 +87,5 @@ class SlamProgress(_Bar):
 
     def update(self, index: int, scans: int, step: "MapperStep") -> None:
         """One more scan of so many is placed."""
-        self._show(index + 1, f"{step.status.value}, {step.loops} loops", scans)
+        joined = "" if step.is_joined else ", not joined yet"
+        self._show(index + 1, f"{step.status.value}, {step.loops} loops{joined}", scans)

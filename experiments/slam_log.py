@@ -22,9 +22,10 @@ from slam.pose_graph import write_g2o
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan
 from slam.readers.recognition import read_log
+from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.slam_map_files import write_slam_map
-from slam.trajectory import Trajectory, read_tum, write_tum
+from slam.slam_map_files import read_slam_map, write_slam_map
+from slam.trajectory import Trajectory, read_tum, tum_lines, write_tum
 
 OnScan = Callable[[int, int, MapperStep], None]
 
@@ -35,7 +36,8 @@ class SlamLog:
 
     trajectory: of every record, odometry alone too. online_cpu_s, finish_cpu_s: processor time of all
     updates, the reading of the log among them, and of the end; slowest_update_cpu_s: of one scan.
-    evaluation: against a reference, where there is one.
+    evaluation: against a reference, where there is one. continued: name of the map that the log's
+    session continued, None: of none; joined_at: the scan with which it was joined, None: with none.
     """
 
     name: str
@@ -45,6 +47,8 @@ class SlamLog:
     finish_cpu_s: float
     slowest_update_cpu_s: float
     evaluation: Evaluation | None = None
+    continued: str | None = None
+    joined_at: int | None = None
 
     @property
     def way_m(self) -> float:
@@ -54,13 +58,18 @@ class SlamLog:
     def summary(self) -> dict[str, Any]:
         """Plain numbers, for `summary.json`."""
         slam_map, verdict = self.slam_map, self.slam_map.verdict
-        counts = Counter(step.status.value for step in slam_map.steps)
+        session = slam_map.session_count - 1
+        steps = [step for step in slam_map.steps if step.session == session]
+        counts = Counter(step.status.value for step in steps)
         return {
             "experiment": "slam",
             "log": self.name,
             "verdict": "good" if verdict.is_good else "failed",
             "reasons": list(verdict.reasons),
-            "scans": len(slam_map.steps),
+            "continued": self.continued,
+            "joined_at": self.joined_at,
+            "sessions": [self._session(number) for number in range(slam_map.session_count)],
+            "scans": len(steps),
             **{status.value: counts[status.value] for status in StepStatus},
             "records": len(self.trajectory),
             "duration_s": float(np.ptp(self.trajectory.times_s)),
@@ -77,23 +86,42 @@ class SlamLog:
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
+    def _session(self, number: int) -> dict[str, Any]:
+        """A session of the map, from 0."""
+        times_s = self.slam_map.trajectory_of(number).times_s
+        return {
+            "scans": len(times_s),
+            "from_s": float(times_s[0]) if len(times_s) else None,
+            "to_s": float(times_s[-1]) if len(times_s) else None,
+            "joined": number not in self.slam_map.unjoined,
+        }
+
 
 def run(
     log_path: Path,
     reference: Path | None = None,
     relations: Path | None = None,
     on_scan: OnScan | None = None,
+    map_path: Path | None = None,
+    start: SE2 | None = None,
 ) -> SlamLog:
-    """Maps a log, with one set of parameters for all.
+    """Maps a log, with one set of parameters for all; as one more session of a map, if one is given.
 
-    on_scan: told of each scan's number, how many there are, and its step. Raises ValueError for
-    files that are not what they should be, OSError for unreadable ones.
+    on_scan: told of each scan's number, how many there are, and its step. start: pose of the first
+    scan on that map, if it is known. Raises ValueError for files that are not what they should be,
+    OSError for unreadable ones.
     """
     # refused now rather than after the log
     against = None if reference is None else read_tum(reference)
     related = None if relations is None else read_relations(relations)
+    known = None if map_path is None else read_slam_map(map_path)
     log = read_log(log_path)
-    mapper, index, slowest_s = Mapper(log.T_base_laser), 0, 0.0
+    mapper = (
+        Mapper(log.T_base_laser)
+        if known is None
+        else Mapper.continued(known, log.T_base_laser, start)
+    )
+    joined_at, index, slowest_s = None, 0, 0.0
     started_s = time.process_time()
     motion = MotionSinceScan(log.noise)
     times_s, odometry, scan_rows = [], [], []
@@ -107,20 +135,29 @@ def run(
         step = mapper.update(measurement)
         slowest_s = max(slowest_s, time.process_time() - update_s)
         scan_rows.append(row)
+        if not step.is_joined:
+            joined_at = None
+        elif joined_at is None:
+            joined_at = index
         if on_scan is not None:
             on_scan(index, log.scan_count, step)
         index += 1
     online_s = time.process_time() - started_s
     slam_map = mapper.finish()
     finish_s = time.process_time() - started_s - online_s
+    of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(
-        log, np.array(times_s), np.array(odometry), np.array(scan_rows), slam_map.trajectory
+        log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
     )
     evaluation = None
     if against is not None or related is not None:
         name = None if relations is None else relations.name
         evaluation = evaluated(trajectory, against, related, relations_of=name)
-    return SlamLog(log.name, slam_map, trajectory, online_s, finish_s, slowest_s, evaluation)
+    is_joined = known is not None and known.session_count not in slam_map.unjoined
+    return SlamLog(
+        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, evaluation,
+        None if map_path is None else map_path.name, joined_at if is_joined else None,
+    )  # fmt: skip
 
 
 def _of_records(
@@ -147,14 +184,26 @@ def _of_records(
 def write_results(result: SlamLog, folder: Path) -> None:
     """Writes summary.json, trajectory.tum, pose_graph.g2o, map.kitasap, map.yaml, map.pgm.
 
+    Of a map of several sessions sessions.tum too: the scans of all, each session below its number.
     Raises OSError if it cannot.
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_tum(folder / "trajectory.tum", result.trajectory)
+    if result.slam_map.session_count > 1:
+        write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
     write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
     write_slam_map(folder / "map.kitasap", result.slam_map)
     write_map(folder / "map.yaml", result.slam_map.grid())
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
+
+
+def _sessions_tum(slam_map: SlamMap) -> str:
+    lines = ["# time_s x y z qx qy qz qw"]
+    for number in range(slam_map.session_count):
+        said = ", never joined with those before" if number in slam_map.unjoined else ""
+        lines.append(f"# session {number + 1}{said}")
+        lines += tum_lines(slam_map.trajectory_of(number))
+    return "\n".join(lines) + "\n"
 
 
 def table(summary: dict[str, Any]) -> str:
@@ -170,4 +219,8 @@ def table(summary: dict[str, Any]) -> str:
         f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
         f" scan), {cpu['finish']:.1f} s to finish",
     ]
+    if summary["continued"] is not None:
+        number, at = len(summary["sessions"]), summary["joined_at"]
+        joined = "never joined" if at is None else f"joined at scan {at + 1} of {summary['scans']}"
+        lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
     return "\n".join(lines)

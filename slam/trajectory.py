@@ -73,13 +73,18 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 
     Raises OSError when the folder cannot be written.
     """
-    path = Path(path)
-    lines = [_TUM_HEADER]
+    lines = [_TUM_HEADER, *tum_lines(trajectory)]
+    write_whole(Path(path), ("\n".join(lines) + "\n").encode("utf-8"))
+
+
+def tum_lines(trajectory: Trajectory) -> list[str]:
+    """The lines of a TUM file, without a header."""
+    lines = []
     for time_s, (x, y, theta) in zip(trajectory.times_s, trajectory.poses, strict=True):
         quaternion_z, quaternion_w = math.sin(theta / 2.0), math.cos(theta / 2.0)
         values = (time_s, x, y, 0.0, 0.0, 0.0, quaternion_z, quaternion_w)
         lines.append(" ".join(f"{value:.9f}" for value in values))
-    write_whole(path, ("\n".join(lines) + "\n").encode("utf-8"))
+    return lines
 
 
 def read_tum(path: str | Path) -> Trajectory:

@@ -2,12 +2,15 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from experiments.commands.options import RESULTS, Log, LogMethod, LogOut, Seed
 from experiments.protocols import DEFAULT_METHOD
+
+if TYPE_CHECKING:
+    from slam.se2 import SE2
 
 
 def real_log(
@@ -85,11 +88,8 @@ def localize(
     from experiments.figures import localized_log_picture
     from experiments.known_maps import LogConfig
     from experiments.progress import ScanProgress
-    from slam.se2 import SE2
 
-    if start is not None and not all(map(math.isfinite, start)):
-        raise ValueError(f"--start takes three finite numbers, not {start}")
-    T_start = None if start is None else SE2(*start)
+    T_start = _pose(start)
     if out.exists() and not out.is_dir():  # refused now rather than after the log
         raise ValueError(f"--out takes a folder, and {out} is a file")
     with ScanProgress(log.name) as progress:
@@ -98,6 +98,14 @@ def localize(
     localized_log_picture(out, result)
     print(localizing.table(result.summary()))
     print(f"results and figures: {out}")
+
+
+def _pose(start: tuple[float, float, float] | None) -> "SE2 | None":
+    from slam.se2 import SE2
+
+    if start is not None and not all(map(math.isfinite, start)):
+        raise ValueError(f"--start takes three finite numbers, not {start}")
+    return None if start is None else SE2(*start)
 
 
 def slam(
@@ -109,16 +117,33 @@ def slam(
     relations: Annotated[
         Path | None, typer.Option(help="Official relations (Kuemmerle et al. 2009).")
     ] = None,
+    known_map: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="A map.kitasap that the log continues, starting anywhere on it."
+        ),
+    ] = None,
+    start: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            help="Pose at the first scan on --map: x y [m], heading [rad]; else searched."
+        ),
+    ] = None,
 ) -> None:
     """Maps a recorded log: trajectory of every record, ROS map, pose graph, picture, verdict."""
     from experiments import evaluation, slam_log
     from experiments.figures import slam_map_picture
     from experiments.progress import SlamProgress
 
+    if start is not None and known_map is None:
+        raise ValueError("--start is a pose on the map that is continued: give --map as well")
+    T_start = _pose(start)
+    if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
+        raise ValueError(f"--out {out} holds the map that is continued: give another folder")
     if out.exists() and not out.is_dir():  # refused now rather than after the log
         raise ValueError(f"--out takes a folder, and {out} is a file")
     with SlamProgress(log.name) as progress:
-        result = slam_log.run(log, reference, relations, progress.update)
+        result = slam_log.run(log, reference, relations, progress.update, known_map, T_start)
     slam_log.write_results(result, out)
     slam_map_picture(out, result)
     summary = result.summary()

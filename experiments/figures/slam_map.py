@@ -30,6 +30,9 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     draw_grid(axes, grid)
     _draw_loops(axes, result)
     trajectory = result.trajectory
+    for number in range(slam_map.session_count - 1):
+        before = slam_map.trajectory_of(number)
+        axes.plot(*before.poses[:, :2].T, color="0.55", lw=0.8, label=f"session {number + 1}")
     way = LineCollection(
         list(np.stack([trajectory.poses[:-1, :2], trajectory.poses[1:, :2]], axis=1)),
         array=trajectory.times_s[:-1] - trajectory.times_s[0], cmap="viridis", lw=1.2,

@@ -84,6 +84,52 @@ def test_robot_finds_itself_on_the_map_it_made(folder, tmp_path):
     assert off_m.max() < 0.15
 
 
+@pytest.fixture
+def no_picture(monkeypatch):
+    monkeypatch.setattr("experiments.figures.slam_map_picture", lambda *_: None)
+
+
+@pytest.mark.usefixtures("no_picture")
+def test_log_continues_a_map(folder, tmp_path, capsys):
+    out = tmp_path / "both"
+    arguments = ["slam", str(LOG), "--map", str(folder / "map.kitasap"), "--out", str(out)]
+    assert main([*arguments, "--start", "0", "0", "0"]) == 0
+    assert "session 2, on map.kitasap: joined at scan " in capsys.readouterr().out
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["verdict"] == "good"
+    assert summary["joined_at"] is not None
+    scans = summary["scans"]
+    assert [(one["scans"], one["joined"]) for one in summary["sessions"]] == [(scans, True)] * 2
+    # this log's records in the one, the scans of all sessions in the other
+    assert len(read_tum(out / "trajectory.tum")) == summary["records"]
+    assert len(read_tum(out / "sessions.tum")) == 2 * scans
+    assert [line for line in (out / "sessions.tum").read_text().splitlines() if line[0] == "#"] == [
+        "# time_s x y z qx qy qz qw", "# session 1", "# session 2",
+    ]  # fmt: skip
+
+
+@pytest.mark.usefixtures("no_picture")
+def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, capsys):
+    path = folder / "map.kitasap"
+    arguments = ["slam", str(LOG), "--map", str(path), "--start", "9", "0", "1.5"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr().out
+    assert "session 2, on map.kitasap: never joined" in said
+    assert "map: failed; session 2" in said
+    line = refusal(capsys, "slam", LOG, "--map", tmp_path / "map.kitasap", "--out", tmp_path / "c")
+    assert "session 2 of the map was never joined" in line
+
+
+def test_map_to_continue_is_refused_in_one_line(folder, tmp_path, capsys):
+    path = folder / "map.kitasap"
+    assert "give --map as well" in refusal(capsys, "slam", LOG, "--start", "0", "0", "0")
+    line = refusal(capsys, "slam", LOG, "--map", path, "--out", folder)
+    assert "holds the map that is continued" in line
+    line = refusal(capsys, "slam", LOG, "--map", folder / "map.pgm", "--out", tmp_path / "out")
+    assert "map.pgm: expected a map" in line
+    assert not (tmp_path / "out").exists()
+
+
 def test_map_that_is_cut_is_refused_in_one_line(folder, tmp_path, capsys):
     path = tmp_path / "map.kitasap"
     path.write_bytes((folder / "map.kitasap").read_bytes()[:1000])
