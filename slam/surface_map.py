@@ -17,6 +17,8 @@ from slam.arrays import BoolArray, FloatArray
 from slam.kernels import surface_map as kernels
 from slam.se2 import SE2
 
+_FIRST_ENTRIES = 1024
+"""Chosen: a room's."""
 _NEIGHBOURS_M = 0.2
 """Chosen: so near a point, others are on its surface; short of a wall's next corner, and long enough
 that a noise of 4 cm turns the surface by a few degrees only."""
@@ -82,28 +84,33 @@ class SurfaceMatch:
 
 
 class SurfaceMap:
-    """Surfaces of points that come and go; on a torus of cells, so that it may roll along."""
+    """Surfaces of points that come and go; on a torus of cells, so that it may roll along.
+
+    It takes memory for the cells with points in them or beside them, and for no others.
+    """
 
     def __init__(self, config: SurfaceMapConfig | None = None) -> None:
         self.config = config or SurfaceMapConfig()
         levels, side = len(self.config.cells_m), kernels.SIDE
-        # zeros take no memory before they are touched
-        self._sums: NDArray[np.float32] = np.zeros(
-            (levels, side, side, kernels.SIDES, 6), np.float32
-        )
-        self._owners: NDArray[np.int32] = np.zeros((levels, side, side, 2), np.int32)
-        self._is_due: BoolArray = np.zeros((levels, side, side, kernels.SIDES), np.bool_)
-        self._surfels: FloatArray = np.zeros((levels, side, side, kernels.SIDES, 7))
+        self._index: NDArray[np.int32] = np.full((levels, side, side), -1, np.int32)
+        count = _FIRST_ENTRIES
+        self._cells: NDArray[np.int32] = np.zeros((count, 2), np.int32)
+        self._uses: NDArray[np.int32] = np.zeros(count, np.int32)
+        self._sums: NDArray[np.float32] = np.zeros((count, kernels.SIDES, 6), np.float32)
+        self._is_due: BoolArray = np.zeros((count, kernels.SIDES), np.bool_)
+        self._surfels: FloatArray = np.zeros((count, kernels.SIDES, 5))
+        # the lowest are the next
+        self._free = np.array([*range(count - 1, -1, -1), count], np.int32)
         self._cells_m = np.array(self.config.cells_m)
         self._stages = np.array(self.config.finest), np.array(self.config.scales_m)
 
     def add(self, points_map: FloatArray) -> None:
         """Takes up faced points (N, 3), map frame."""
-        self._put(points_map, 1.0)
+        self._put(points_map, 1)
 
     def remove(self, points_map: FloatArray) -> None:
         """Takes out faced points (N, 3) that were added before."""
-        self._put(points_map, -1.0)
+        self._put(points_map, -1)
 
     def match(
         self,
@@ -125,7 +132,7 @@ class SurfaceMap:
         # such that a direction which nothing holds stays where it is
         held = odometry + 1e-6 * np.eye(3)
         kernels.align(
-            self._sums, self._owners, self._is_due, self._surfels, self._cells_m, points,
+            self._index, self._cells, self._sums, self._is_due, self._surfels, self._cells_m, points,
             config.sigma_m**2, config.pull if pull is None else pull, *self._stages,
             T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
             stats,
@@ -162,8 +169,8 @@ class SurfaceMap:
         )
         counts = np.zeros((len(turns), len(x), len(y)), np.int32)
         kernels.count_on_walls(
-            self._sums[level], self._owners[level], cell_m, points, x, y, T_middle.theta + turns,
-            counts,
+            self._index[level], self._cells, self._sums, cell_m, points, x, y,
+            T_middle.theta + turns, counts,
         )  # fmt: skip
         found = []
         for _ in range(3):
@@ -180,8 +187,28 @@ class SurfaceMap:
         most = self.config.max_points if most is None else most
         return np.ascontiguousarray(points[:: max(1, -(-len(points) // most))])
 
-    def _put(self, points: FloatArray, sign: float) -> None:
+    def _put(self, points: FloatArray, sign: int) -> None:
         for level, cell_m in enumerate(self.config.cells_m):
-            kernels.put(
-                self._sums[level], self._owners[level], self._is_due[level], points, sign, cell_m
-            )
+            done = 0
+            while True:
+                done = kernels.put(
+                    self._index[level], self._cells, self._uses, self._free, self._sums,
+                    self._is_due, points, done, sign, cell_m,
+                )  # fmt: skip
+                if done == len(points):
+                    break
+                self._grow()
+
+    def _grow(self) -> None:
+        """Twice as many entries."""
+        count, free = len(self._cells), int(self._free[-1])
+        self._cells, self._uses = _doubled(self._cells), _doubled(self._uses)
+        self._sums, self._is_due = _doubled(self._sums), _doubled(self._is_due)
+        self._surfels = _doubled(self._surfels)
+        added = np.arange(2 * count - 1, count - 1, -1)
+        left, rest = self._free[:free], np.zeros(count - free)
+        self._free = np.concatenate([added, left, rest, [count + free]]).astype(np.int32)
+
+
+def _doubled(array: np.ndarray) -> np.ndarray:
+    return np.concatenate([array, np.zeros_like(array)])

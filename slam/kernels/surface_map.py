@@ -33,9 +33,9 @@ _GRAZED_M = 0.1
 _FITS = 9.0
 """Squared residual, in variances, of a point that fits: three sigmas."""
 
-# what `surfels` holds of a cell: unit normal, offset along it [m], variance across [m2], count of
-# the points, and the cell that it was made for
-NORMAL_X, NORMAL_Y, OFFSET, VARIANCE, COUNT, CELL_X, CELL_Y = 0, 1, 2, 3, 4, 5, 6
+# what `surfels` (E, SIDES, 5) holds: unit normal, offset along it [m], variance across [m2], count
+# of the points
+NORMAL_X, NORMAL_Y, OFFSET, VARIANCE, COUNT = 0, 1, 2, 3, 4
 # what `stats` holds of a match
 SEEN, FITTING, COST, STEPS, ODOMETRY_WEIGHT = 0, 1, 2, 3, 4
 
@@ -97,49 +97,79 @@ def _sides(facing: float) -> tuple[int, int]:
 
 
 @compiled
+def _entry(index: NDArray[np.int32], cells: NDArray[np.int32], column: int, row: int) -> int:
+    """Where a cell of a level is kept, -1 where no point is in it or beside it."""
+    entry = index[column & _MASK, row & _MASK]
+    if entry >= 0 and cells[entry, 0] == column and cells[entry, 1] == row:
+        return int(entry)
+    return -1
+
+
+@compiled
 def put(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    uses: NDArray[np.int32],
+    free: NDArray[np.int32],
     sums: NDArray[np.float32],
-    owners: NDArray[np.int32],
     is_due: BoolArray,
     points: FloatArray,
-    sign: float,
+    first: int,
+    sign: int,
     cell_m: float,
-) -> None:
-    """Adds points (N, 3) [m, m, rad], map frame, to the cells that they lie in; sign -1 takes them
-    out.
+) -> int:
+    """Adds points (N, 3) [m, m, rad], map frame, from the first on, to the cells that they lie in;
+    sign -1 takes them out. The number of the point at which entries ran out, N when all are done.
 
-    sums: (SIDE, SIDE, SIDES, 6) count, x, y, xx, xy, yy from the cell's middle. owners: (SIDE, SIDE,
-    2) which cell of the plane it stands for. is_due: (SIDE, SIDE, SIDES) whose surfel has to be made
-    anew.
+    index: (SIDE, SIDE) entries of cells with a point in them or beside them, -1 of others. cells:
+    (E, 2) of the plane that entries stand for; uses: (E,) by points; free: (E + 1,) entries that
+    nothing uses, their count at the end. sums: (E, SIDES, 6) count, x, y, xx, xy, yy from the cell's
+    middle. is_due: (E, SIDES) whose surfel has to be made anew.
     """
-    for i in range(points.shape[0]):
+    for i in range(first, points.shape[0]):
         if math.isnan(points[i, 2]):
             continue
+        if sign > 0 and free[-1] < 9:
+            return i
         column, row = math.floor(points[i, 0] / cell_m), math.floor(points[i, 1] / cell_m)
-        a, b = column & _MASK, row & _MASK
-        if owners[a, b, 0] != column or owners[a, b, 1] != row:
-            if sign < 0.0:
-                continue  # another cell of the plane has taken the place since
-            owners[a, b, 0], owners[a, b, 1] = column, row
-            sums[a, b] = 0.0
-        x = points[i, 0] - (column + 0.5) * cell_m
-        y = points[i, 1] - (row + 0.5) * cell_m
-        for side in _sides(points[i, 2]):
-            sums[a, b, side, 0] += sign
-            sums[a, b, side, 1] += sign * x
-            sums[a, b, side, 2] += sign * y
-            sums[a, b, side, 3] += sign * x * x
-            sums[a, b, side, 4] += sign * x * y
-            sums[a, b, side, 5] += sign * y * y
-            for u in range(-1, 2):
-                for v in range(-1, 2):
-                    is_due[(a + u) & _MASK, (b + v) & _MASK, side] = True
+        near, far = _sides(points[i, 2])
+        for u in range(-1, 2):
+            for v in range(-1, 2):
+                a, b = (column + u) & _MASK, (row + v) & _MASK
+                entry = index[a, b]
+                if entry < 0 or cells[entry, 0] != column + u or cells[entry, 1] != row + v:
+                    if sign < 0:
+                        continue  # another cell of the plane has taken the place since
+                    if entry < 0:
+                        free[-1] -= 1
+                        entry = free[free[-1]]
+                        index[a, b] = entry
+                    cells[entry, 0], cells[entry, 1] = column + u, row + v
+                    uses[entry], sums[entry], is_due[entry] = 0, 0.0, True
+                uses[entry] += sign
+                is_due[entry, near] = is_due[entry, far] = True
+                if u == 0 and v == 0:
+                    x = points[i, 0] - (column + 0.5) * cell_m
+                    y = points[i, 1] - (row + 0.5) * cell_m
+                    for side in (near, far):
+                        sums[entry, side, 0] += sign
+                        sums[entry, side, 1] += sign * x
+                        sums[entry, side, 2] += sign * y
+                        sums[entry, side, 3] += sign * x * x
+                        sums[entry, side, 4] += sign * x * y
+                        sums[entry, side, 5] += sign * y * y
+                if uses[entry] <= 0:
+                    index[a, b] = -1
+                    free[free[-1]] = entry
+                    free[-1] += 1
+    return points.shape[0]
 
 
 @compiled
 def _make(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
     sums: NDArray[np.float32],
-    owners: NDArray[np.int32],
     column: int,
     row: int,
     side: int,
@@ -147,14 +177,14 @@ def _make(
     surfel: FloatArray,
 ) -> None:
     """The line through a cell's and its neighbours' points of a side; COUNT 0 where they make none."""
-    surfel[CELL_X], surfel[CELL_Y], surfel[COUNT] = column, row, 0.0
+    surfel[COUNT] = 0.0
     n = sx = sy = sxx = sxy = syy = 0.0
     for u in range(-1, 2):
         for v in range(-1, 2):
-            a, b = (column + u) & _MASK, (row + v) & _MASK
-            if owners[a, b, 0] != column + u or owners[a, b, 1] != row + v:
+            entry = _entry(index, cells, column + u, row + v)
+            if entry < 0:
                 continue
-            held = sums[a, b, side]
+            held = sums[entry, side]
             if held[0] < 0.5:
                 continue
             m, x, y = held[0], u * cell_m, v * cell_m
@@ -181,29 +211,32 @@ def _make(
 
 
 @compiled
-def _surfel(
+def _surface(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
     sums: NDArray[np.float32],
-    owners: NDArray[np.int32],
     is_due: BoolArray,
     surfels: FloatArray,
     column: int,
     row: int,
     side: int,
     cell_m: float,
-) -> FloatArray:
-    """What a cell holds of a side, made anew where it is due."""
-    a, b = column & _MASK, row & _MASK
-    surfel = surfels[a, b, side]
-    if is_due[a, b, side] or surfel[CELL_X] != column or surfel[CELL_Y] != row:
-        _make(sums, owners, column, row, side, cell_m, surfel)
-        is_due[a, b, side] = False
-    return surfel
+) -> int:
+    """The entry of a cell with a surface of that side, made anew where it is due; -1 of others."""
+    entry = _entry(index, cells, column, row)
+    if entry < 0:
+        return -1
+    if is_due[entry, side]:
+        _make(index, cells, sums, column, row, side, cell_m, surfels[entry, side])
+        is_due[entry, side] = False
+    return entry if surfels[entry, side, COUNT] > 0.0 else -1
 
 
 @compiled
 def align(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
     sums: NDArray[np.float32],
-    owners: NDArray[np.int32],
     is_due: BoolArray,
     surfels: FloatArray,
     cells_m: FloatArray,
@@ -222,7 +255,7 @@ def align(
 ) -> None:
     """Gauss-Newton of points (N, 3), base frame, on the surfaces, with the odometry beside them.
 
-    sums, owners, is_due, surfels: (L, SIDE, SIDE, ...) of cells of cells_m (L,), coarse to fine.
+    index: (L, SIDE, SIDE) of cells of cells_m (L,), coarse to fine; the others as in `put`.
     variance: of a point across its surface [m2]; share_counted: of what points tell. finest: (S,)
     the finest level that stage looks at; a point takes the finest that has a surface. scales_m:
     (S,) residual, beside the noise, at which a point counts a quarter (Geman and McClure, 1987).
@@ -247,16 +280,19 @@ def align(
                 near, far = _sides(points[i, 2] + pose[2])
                 while level >= 0:
                     cell_m = cells_m[level]
-                    held = sums[level], owners[level], is_due[level], surfels[level]
+                    held = index[level], cells, sums, is_due, surfels
                     column, row = math.floor(x / cell_m), math.floor(y / cell_m)
-                    surfel = _surfel(*held, column, row, near, cell_m)
-                    if surfel[COUNT] == 0.0:
-                        surfel = _surfel(*held, column, row, far, cell_m)
-                    if surfel[COUNT] > 0.0:
+                    side = near
+                    entry = _surface(*held, column, row, side, cell_m)
+                    if entry < 0:
+                        side = far
+                        entry = _surface(*held, column, row, side, cell_m)
+                    if entry >= 0:
                         break
                     level -= 1
                 if level < 0:
                     continue
+                surfel = surfels[entry, side]
                 seen += 1.0
                 residual = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y - surfel[OFFSET]
                 wide = variance + surfel[VARIANCE]
@@ -302,8 +338,9 @@ def align(
 
 @compiled
 def count_on_walls(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
     sums: NDArray[np.float32],
-    owners: NDArray[np.int32],
     cell_m: float,
     points: FloatArray,
     x: FloatArray,
@@ -327,7 +364,7 @@ def count_on_walls(
                     near, far = _sides(points[i, 2] + headings[k])
                     column = math.floor((x[u] + c * px - s * py) / cell_m)
                     row = math.floor((y[v] + s * px + c * py) / cell_m)
-                    a, b = column & _MASK, row & _MASK
-                    is_own = owners[a, b, 0] == column and owners[a, b, 1] == row
-                    count += is_own and sums[a, b, near, 0] + sums[a, b, far, 0] > 0.5
+                    entry = _entry(index, cells, column, row)
+                    if entry >= 0:
+                        count += sums[entry, near, 0] + sums[entry, far, 0] > 0.5
                 counts[k, u, v] = count
