@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -96,7 +97,9 @@ class LoopCloser:
         config = self.config
         ways_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
         # nobody knows how far the robot went between two sessions
-        ways_m[np.diff([keyframe.session for keyframe in keyframes]) > 0] += config.least_way_m
+        for session in range(1, keyframes[-1].session + 1 if keyframes else 0):
+            start = bisect_left(keyframes, session, key=lambda keyframe: keyframe.session)
+            ways_m[start - 1 : start] += config.least_way_m
         way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
         radius_m = config.radius_m + min(2.0 * sigma_m, config.max_search_m)
         pairs = []

@@ -104,6 +104,12 @@ class SurfaceMap:
         self._cells_m = np.array(self.config.cells_m)
         self._stages = np.array(self.config.finest), np.array(self.config.scales_m)
 
+    @property
+    def memory_bytes(self) -> int:
+        """What the cells take."""
+        arrays = (self._index, self._cells, self._uses, self._sums, self._is_due, self._surfels)
+        return sum(array.nbytes for array in (*arrays, self._free))
+
     def add(self, points_map: FloatArray) -> None:
         """Takes up faced points (N, 3), map frame."""
         self._put(points_map, 1)
@@ -169,7 +175,7 @@ class SurfaceMap:
         )
         counts = np.zeros((len(turns), len(x), len(y)), np.int32)
         kernels.count_on_walls(
-            self._index[level], self._cells, self._sums, cell_m, points, x, y,
+            self._index, self._cells, self._sums, level, cell_m, points, x, y,
             T_middle.theta + turns, counts,
         )  # fmt: skip
         found = []

@@ -97,9 +97,11 @@ def _sides(facing: float) -> tuple[int, int]:
 
 
 @compiled
-def _entry(index: NDArray[np.int32], cells: NDArray[np.int32], column: int, row: int) -> int:
+def _entry(
+    index: NDArray[np.int32], cells: NDArray[np.int32], level: int, column: int, row: int
+) -> int:
     """Where a cell of a level is kept, -1 where no point is in it or beside it."""
-    entry = index[column & _MASK, row & _MASK]
+    entry = index[level, column & _MASK, row & _MASK]
     if entry >= 0 and cells[entry, 0] == column and cells[entry, 1] == row:
         return int(entry)
     return -1
@@ -170,6 +172,7 @@ def _make(
     index: NDArray[np.int32],
     cells: NDArray[np.int32],
     sums: NDArray[np.float32],
+    level: int,
     column: int,
     row: int,
     side: int,
@@ -181,7 +184,7 @@ def _make(
     n = sx = sy = sxx = sxy = syy = 0.0
     for u in range(-1, 2):
         for v in range(-1, 2):
-            entry = _entry(index, cells, column + u, row + v)
+            entry = _entry(index, cells, level, column + u, row + v)
             if entry < 0:
                 continue
             held = sums[entry, side]
@@ -208,28 +211,6 @@ def _make(
     surfel[OFFSET] = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y
     surfel[VARIANCE] = max(half - apart, 0.0)
     surfel[COUNT] = n
-
-
-@compiled
-def _surface(
-    index: NDArray[np.int32],
-    cells: NDArray[np.int32],
-    sums: NDArray[np.float32],
-    is_due: BoolArray,
-    surfels: FloatArray,
-    column: int,
-    row: int,
-    side: int,
-    cell_m: float,
-) -> int:
-    """The entry of a cell with a surface of that side, made anew where it is due; -1 of others."""
-    entry = _entry(index, cells, column, row)
-    if entry < 0:
-        return -1
-    if is_due[entry, side]:
-        _make(index, cells, sums, column, row, side, cell_m, surfels[entry, side])
-        is_due[entry, side] = False
-    return entry if surfels[entry, side, COUNT] > 0.0 else -1
 
 
 @compiled
@@ -278,17 +259,26 @@ def align(
                 x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
                 level = finest[stage]
                 near, far = _sides(points[i, 2] + pose[2])
+                entry = side = -1
                 while level >= 0:
                     cell_m = cells_m[level]
-                    held = index[level], cells, sums, is_due, surfels
                     column, row = math.floor(x / cell_m), math.floor(y / cell_m)
-                    side = near
-                    entry = _surface(*held, column, row, side, cell_m)
-                    if entry < 0:
-                        side = far
-                        entry = _surface(*held, column, row, side, cell_m)
+                    entry = _entry(index, cells, level, column, row)
                     if entry >= 0:
-                        break
+                        side = near
+                        # of one call each, in a loop: several would not be inlined
+                        for _ in range(2):
+                            if is_due[entry, side]:
+                                _make(
+                                    index, cells, sums, level, column, row, side, cell_m,
+                                    surfels[entry, side],
+                                )  # fmt: skip
+                                is_due[entry, side] = False
+                            if surfels[entry, side, COUNT] > 0.0 or side == far:
+                                break
+                            side = far
+                        if surfels[entry, side, COUNT] > 0.0:
+                            break
                     level -= 1
                 if level < 0:
                     continue
@@ -341,6 +331,7 @@ def count_on_walls(
     index: NDArray[np.int32],
     cells: NDArray[np.int32],
     sums: NDArray[np.float32],
+    level: int,
     cell_m: float,
     points: FloatArray,
     x: FloatArray,
@@ -352,19 +343,39 @@ def count_on_walls(
 
     x: (X,), y: (Y,) [m], headings: (H,) [rad] of the poses looked at.
     """
+    reach_m = 0.0
+    for i in range(points.shape[0]):
+        reach_m = max(reach_m, math.hypot(points[i, 0], points[i, 1]))
+    first_column = math.floor((x[0] - reach_m) / cell_m) - 1
+    first_row = math.floor((y[0] - reach_m) / cell_m) - 1
+    columns = math.floor((x[-1] + reach_m) / cell_m) + 2 - first_column
+    rows = math.floor((y[-1] + reach_m) / cell_m) + 2 - first_row
+    # a bit for each side that has points: looked up many times
+    held = np.zeros((columns, rows), np.uint8)
+    for a in range(columns):
+        for b in range(rows):
+            entry = _entry(index, cells, level, first_column + a, first_row + b)
+            if entry >= 0:
+                for side in range(SIDES):
+                    if sums[entry, side, 0] > 0.5:
+                        held[a, b] |= np.uint8(1 << side)
+    turned, asked = np.empty((points.shape[0], 2)), np.empty(points.shape[0], np.uint8)
     for k in range(headings.shape[0]):
         c, s = math.cos(headings[k]), math.sin(headings[k])
+        told = 0
+        for i in range(points.shape[0]):
+            if math.isnan(points[i, 2]):
+                continue
+            px, py = points[i, 0], points[i, 1]
+            turned[told, 0], turned[told, 1] = c * px - s * py, s * px + c * py
+            near, far = _sides(points[i, 2] + headings[k])
+            asked[told] = np.uint8((1 << near) | (1 << far))
+            told += 1
         for u in range(x.shape[0]):
             for v in range(y.shape[0]):
                 count = 0
-                for i in range(points.shape[0]):
-                    if math.isnan(points[i, 2]):
-                        continue
-                    px, py = points[i, 0], points[i, 1]
-                    near, far = _sides(points[i, 2] + headings[k])
-                    column = math.floor((x[u] + c * px - s * py) / cell_m)
-                    row = math.floor((y[v] + s * px + c * py) / cell_m)
-                    entry = _entry(index, cells, column, row)
-                    if entry >= 0:
-                        count += sums[entry, near, 0] + sums[entry, far, 0] > 0.5
+                for i in range(told):
+                    column = math.floor((x[u] + turned[i, 0]) / cell_m) - first_column
+                    row = math.floor((y[v] + turned[i, 1]) / cell_m) - first_row
+                    count += (held[column, row] & asked[i]) != 0
                 counts[k, u, v] = count

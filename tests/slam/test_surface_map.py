@@ -88,3 +88,40 @@ def test_a_door_is_passed_without_a_step(slip):
     # the wheels alone, 2 % wrong, would be 6 cm off, and whatever matches the two sides of the wall 10
     assert abs(off.x) < 0.03
     assert abs(off.y) < 0.01
+
+
+def test_a_map_that_rolls_along_takes_no_more_memory_and_forgets():
+    cloud, start = seen(wall(2.0), (0.0, 2.0)), SE2.identity()
+    surfaces = SurfaceMap()
+    for k in range(60):  # 600 m: past the torus of the finest cells, and back to its start
+        there = SE2(10.0 * k, 0.0, 0.1 * k)
+        surfaces.add(moved(there, cloud))
+        if k:
+            surfaces.remove(moved(SE2(10.0 * (k - 1), 0.0, 0.1 * (k - 1)), cloud))
+        assert surfaces.match(cloud, there, there, np.eye(3)).inlier_ratio > 0.9
+    assert surfaces.memory_bytes < 20_000_000
+    surfaces.remove(moved(there, cloud))
+    assert surfaces.match(cloud, there, there, np.eye(3)).seen_ratio == 0.0
+    assert surfaces.searched(cloud, start, 0.6, 0.2) == []
+
+
+def test_more_cells_than_there_was_memory_for_are_all_kept():
+    surfaces = SurfaceMap()
+    clouds = [moved(SE2(5.0 * k, 0.0, 0.0), seen(wall(2.0), (0.0, 2.0))) for k in range(19)]
+    before = surfaces.memory_bytes
+    surfaces.add(np.concatenate(clouds))
+    assert surfaces.memory_bytes > before
+    for cloud in clouds:
+        assert match_of(surfaces, cloud).inlier_ratio > 0.99
+
+
+def test_search_counts_what_each_point_says():
+    rng = np.random.default_rng(0)
+    scan = scan_of(np.concatenate([room(-3.0, -2.0, 4.0, 3.0), box(1.0, 1.0, 2.0, 2.0)]),
+                   SE2.identity(), rng, 0.01)  # fmt: skip
+    points = faced(scan.points(SE2.identity()), np.zeros(2))
+    surfaces = SurfaceMap()
+    surfaces.add(points)
+    off = SE2(0.37, -0.42, 0.17)
+    found = surfaces.searched(moved(off.inverse(), points), SE2.identity(), 0.8, 0.3)
+    assert any(pose.is_near(off, 0.2, 0.04) for pose in found)
