@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -26,6 +27,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.trajectory import Trajectory, read_tum, tum_lines, write_tum
+from slam.warm_up import warm_up
 
 OnScan = Callable[[int, int, MapperStep], None]
 
@@ -35,7 +37,9 @@ class SlamLog:
     """What mapping a log gave.
 
     trajectory: of every record, odometry alone too. online_cpu_s, finish_cpu_s: processor time of all
-    updates, the reading of the log among them, and of the end; slowest_update_cpu_s: of one scan.
+    updates, the reading of the log among them, and of the end; slowest_update_cpu_s: of one scan;
+    warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which memory had grown
+    with the last scan, None where the system does not tell.
     evaluation: against a reference, where there is one. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, None: with none.
     """
@@ -46,6 +50,8 @@ class SlamLog:
     online_cpu_s: float
     finish_cpu_s: float
     slowest_update_cpu_s: float
+    warm_up_cpu_s: float
+    memory_mb: float | None
     evaluation: Evaluation | None = None
     continued: str | None = None
     joined_at: int | None = None
@@ -82,7 +88,9 @@ class SlamLog:
                 "online": self.online_cpu_s,
                 "finish": self.finish_cpu_s,
                 "slowest_update": self.slowest_update_cpu_s,
+                "warm_up": self.warm_up_cpu_s,
             },
+            "memory_mb": self.memory_mb,
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
@@ -123,6 +131,9 @@ def run(
     )
     joined_at, index, slowest_s = None, 0, 0.0
     started_s = time.process_time()
+    warm_up()
+    warm_up_s = time.process_time() - started_s
+    started_s, before_mb = time.process_time(), _resident_mb()
     motion = MotionSinceScan(log.noise)
     times_s, odometry, scan_rows = [], [], []
     for row, record in enumerate(log.records):
@@ -143,6 +154,8 @@ def run(
             on_scan(index, log.scan_count, step)
         index += 1
     online_s = time.process_time() - started_s
+    after_mb = _resident_mb()
+    memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
     finish_s = time.process_time() - started_s - online_s
     of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
@@ -155,9 +168,18 @@ def run(
         evaluation = evaluated(trajectory, against, related, relations_of=name)
     is_joined = known is not None and known.session_count not in slam_map.unjoined
     return SlamLog(
-        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, evaluation,
+        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, warm_up_s, memory_mb, evaluation,
         None if map_path is None else map_path.name, joined_at if is_joined else None,
     )  # fmt: skip
+
+
+def _resident_mb() -> float | None:
+    """Memory that the process holds now [MB]; None where there is no /proc."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except OSError:
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def _of_records(
@@ -206,6 +228,10 @@ def _sessions_tum(slam_map: SlamMap) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _mb(memory_mb: float | None) -> str:
+    return "an unknown amount" if memory_mb is None else f"{memory_mb:.0f} MB"
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary for people to read."""
     cpu = summary["cpu_s"]
@@ -217,7 +243,7 @@ def table(summary: dict[str, Any]) -> str:
         f"scans: {summary['matched']} matched, {summary['searched']} found by search,"
         f" {summary['carried']} by the wheels alone, {summary['broken']} broke off",
         f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
-        f" scan), {cpu['finish']:.1f} s to finish",
+        f" scan), {cpu['finish']:.1f} s to finish; memory grew by {_mb(summary['memory_mb'])}",
     ]
     if summary["continued"] is not None:
         number, at = len(summary["sessions"]), summary["joined_at"]

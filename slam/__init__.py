@@ -42,6 +42,7 @@ from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum
 from slam.verdict import Status, Verdict
+from slam.warm_up import warm_up
 
 __all__ = [
     "SE2",
@@ -102,6 +103,7 @@ __all__ = [
     "read_slam_map",
     "read_ticks",
     "read_tum",
+    "warm_up",
     "write_map",
     "write_slam_map",
     "write_tum",

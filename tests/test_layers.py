@@ -79,7 +79,8 @@ RANKS = (
         "matchers",
         "calibration",
     },
-    {"localization", "known_map", "mapping", "session_joining"} | {"slam_map", "slam_map_files"},
+    {"localization", "known_map", "mapping", "session_joining"}
+    | {"slam_map", "slam_map_files", "warm_up"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

@@ -27,6 +27,8 @@ def test_summary_tells_verdict_and_metrics(folder):
     summary = json.loads((folder / "summary.json").read_text())
     assert summary["verdict"] == "good"
     assert summary["matched"] >= summary["scans"] - 2
+    assert summary["cpu_s"]["warm_up"] > 0.0
+    assert 0.0 <= summary["memory_mb"] < 150.0
     assert summary["evaluation"]["ate"]["translation_m"]["rmse"] < 0.1
     assert summary["evaluation"]["relations"]["all"]["coverage"] == 1.0
 
