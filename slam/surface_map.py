@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from slam.arrays import BoolArray, FloatArray
 from slam.kernels import surface_map as kernels
+from slam.kernels.facings import facings_into
 from slam.se2 import SE2
 
 _FIRST_ENTRIES = 1024
@@ -27,7 +28,7 @@ that a noise of 4 cm turns the surface by a few degrees only."""
 def faced(points: FloatArray, seen_from: FloatArray) -> FloatArray:
     """(N, 3) points (N, 2) of a scan in their order [m], as faced points; seen_from: (2,) [m]."""
     out = np.empty((len(points), 3))
-    kernels.facings_into(points, seen_from, _NEIGHBOURS_M, out)
+    facings_into(points, seen_from, _NEIGHBOURS_M, out)
     return out
 
 

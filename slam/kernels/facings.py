@@ -1,0 +1,59 @@
+"""Where the surfaces that a scan saw face."""
+
+from __future__ import annotations
+
+import math
+
+from slam.arrays import FloatArray
+from slam.kernels import compiled
+
+_MOST_NEIGHBOURS = 20
+"""Chosen: of a point, to either side, that its direction is taken from."""
+_GRAZED_M = 0.1
+"""Chosen: a laser that is nearer to the line of a wall cannot tell which of its sides it sees."""
+
+
+@compiled
+def facings_into(
+    points: FloatArray, seen_from: FloatArray, reach_m: float, faced: FloatArray
+) -> None:
+    """Into faced (N, 3): the points (N, 2) of a scan, in their order, and where their surface faces.
+
+    That is the side of the line through a point's neighbours, within reach_m of it and up to
+    _MOST_NEIGHBOURS to either side, on which the laser was, seen_from (2,); of a lone point, the way
+    to the laser [rad]; nan where the laser saw along the line.
+    """
+    for i in range(points.shape[0]):
+        x, y = points[i, 0], points[i, 1]
+        n = sx = sy = sxx = sxy = syy = 0.0
+        for side in range(-1, 2, 2):
+            j = i + side
+            taken = 0
+            while 0 <= j < points.shape[0] and taken < _MOST_NEIGHBOURS:
+                dx, dy = points[j, 0] - x, points[j, 1] - y
+                if dx * dx + dy * dy > reach_m * reach_m:
+                    break
+                n += 1.0
+                sx += dx
+                sy += dy
+                sxx += dx * dx
+                sxy += dx * dy
+                syy += dy * dy
+                j += side
+                taken += 1
+        n += 1.0
+        cxx, cxy = sxx - sx * sx / n, sxy - sx * sy / n
+        cyy = syy - sy * sy / n
+        to_x, to_y = seen_from[0] - x, seen_from[1] - y
+        if n >= 3.0:
+            along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+            nx, ny = -math.sin(along), math.cos(along)
+            off = nx * to_x + ny * to_y
+            if abs(off) < _GRAZED_M:
+                faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.nan
+                continue
+            if off < 0.0:
+                nx, ny = -nx, -ny
+        else:
+            nx, ny = to_x, to_y
+        faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.atan2(ny, nx)
