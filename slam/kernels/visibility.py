@@ -9,6 +9,8 @@ from slam.kernels import compiled
 
 _ALONG = 0.2
 """Sine of the angle to a surface: beams along it pass beside it."""
+_ASIDE_M = 0.04
+"""Chosen: beams that pass by so near may have missed a thin leg that stands a little aside."""
 _STRAIGHT, _SURE = 0.8, 0.8
 """Chosen: of the sine, and of the farthest return of the scan: glass and black cloth return what
 meets them so, and nothing else."""
@@ -114,11 +116,17 @@ def looks_into(
                 low = middle
             else:
                 high = middle
-        if bearing > angles[count - 1] or low < 1 or low + 2 >= count:
+        first, last = low - 1, low + 2
+        aside = _ASIDE_M / distance
+        while first > 0 and angles[first] > bearing - aside:
+            first -= 1
+        while last < count - 1 and angles[last] < bearing + aside:
+            last += 1
+        if bearing > angles[count - 1] or first < 0 or last >= count:
             continue
         margin = margin_m + margin_share * distance
         nearest, is_met = math.inf, False
-        for k in range(low - 1, low + 3):
+        for k in range(first, last + 1):
             if not ranges[k] > 0.0:
                 nearest = -math.inf
                 continue
