@@ -66,7 +66,7 @@ def test_the_two_sides_of_a_wall_stay_apart(surfaces):
         (np.abs(points[:, 0] - 3.05) < 0.2) & (points[:, 1] > 0.3) & (points[:, 1] < 2.4)
     ]
     astray_m = np.abs(np.abs(beside[:, 0] - 3.05) - 0.05)
-    assert np.quantile(astray_m, 0.95) < 0.015
+    assert np.quantile(astray_m, 0.95) < SIGMA_M
     assert astray_m.max() < 0.05
 
 
