@@ -10,6 +10,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
+from slam.joint_adjustment import AdjustmentConfig, jointly_adjusted
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, do_contradict, judged
 from slam.measurements import Measurement
@@ -39,6 +40,7 @@ class MapperConfig:
 
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     loops: LoopConfig = field(default_factory=LoopConfig)
+    adjustment: AdjustmentConfig = field(default_factory=AdjustmentConfig)
     consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
     joining: JoiningConfig = field(default_factory=JoiningConfig)
     start_m: float = 0.1
@@ -142,6 +144,10 @@ class Mapper:
                 else:
                     kept, rejected = [], []
         keyframes, poses = self._keyframes.copy(), self._graph.poses
+        if self._is_joined:
+            poses = jointly_adjusted(
+                keyframes, kept, poses, self.config.adjustment, self.config.front_end.surfaces
+            )
         if 0 < self._first < len(keyframes):
             if not self._is_joined and self._is_start_unknown:
                 poses = _set_aside(keyframes, poses, self._first)

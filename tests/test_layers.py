@@ -79,7 +79,7 @@ RANKS = (
         "matchers",
         "calibration",
     },
-    {"localization", "known_map", "mapping", "session_joining"}
+    {"localization", "known_map", "mapping", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
