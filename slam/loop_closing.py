@@ -15,6 +15,9 @@ from slam.front_end import Keyframe
 from slam.se2 import SE2, wrap_angle
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 
+_SLIDE = 1.5
+"""Of the reach of a search, to its corners and a little on: farther off a match is another place."""
+
 
 @dataclass(frozen=True)
 class LoopConfig:
@@ -136,11 +139,14 @@ class LoopCloser:
             [moved(SE2.from_array(poses[k]), thinned(keyframes[k].faced)) for k in members]
         )
         self._surfaces.add(submap)
-        match = self._matched(keyframes[later], SE2.from_array(poses[later]), sigma)
+        T_told, reach = SE2.from_array(poses[later]), self._reach(sigma)
+        match = self._matched(keyframes[later], T_told, reach)
         self._surfaces.remove(submap)
         config = self.config
+        # a match may slide on from where it was looked for: to the next window of a row, say
         if (
-            match.seen_ratio < config.least_seen_ratio
+            not T_told.is_near(match.T_map_base, _SLIDE * reach[0], _SLIDE * reach[1])
+            or match.seen_ratio < config.least_seen_ratio
             or match.inlier_ratio < config.least_inlier_ratio
             or self._held(match) < config.least_held
         ):
@@ -166,11 +172,17 @@ class LoopCloser:
             last += 1
         return list(range(first, last + 1))
 
-    def _matched(self, keyframe: Keyframe, T_told: SE2, sigma: tuple[float, float]) -> SurfaceMatch:
-        config, points = self.config, keyframe.faced
-        reach_m = config.search_m + min(2.0 * sigma[0], config.max_search_m)
-        reach_rad = config.search_rad + min(2.0 * sigma[1], math.pi)
-        starts = [T_told, *self._surfaces.searched(points, T_told, reach_m, reach_rad)]
+    def _reach(self, sigma: tuple[float, float]) -> tuple[float, float]:
+        """How far around the pose told is searched [m], [rad]."""
+        config = self.config
+        return (
+            config.search_m + min(2.0 * sigma[0], config.max_search_m),
+            config.search_rad + min(2.0 * sigma[1], math.pi),
+        )
+
+    def _matched(self, keyframe: Keyframe, T_told: SE2, reach: tuple[float, float]) -> SurfaceMatch:
+        points = keyframe.faced
+        starts = [T_told, *self._surfaces.searched(points, T_told, *reach)]
         nothing = np.zeros((3, 3))
         matches = [self._surfaces.match(points, start, start, nothing) for start in starts]
         return min(matches, key=lambda match: match.cost)

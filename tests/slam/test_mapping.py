@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slam.front_end import StepStatus
+from slam.loop_closing import LoopCloser
 from slam.map_consistency import judged
 from slam.mapping import Mapper
 from slam.metrics import absolute_errors
@@ -93,6 +94,17 @@ def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(pose
     found = mapped([replace(one, time_s=0.2 * k) for k, one in enumerate(measurements)])
     assert not found.verdict.is_good
     assert any("contradict" in reason for reason in found.verdict.reasons)
+
+
+def test_loop_farther_off_than_was_searched_is_another_place(slam_map):
+    # a match slides on along a row of doors or windows, and fits the next one as well
+    loop = slam_map.loops[0]
+    off = slam_map.poses.copy()
+    off[loop.later, :2] += [1.0, 0.0]
+    closer, pair = LoopCloser(), (loop.earlier, loop.later)
+    assert closer.verified(slam_map.keyframes, slam_map.poses, *pair, (0.0, 0.0)) is not None
+    assert closer.verified(slam_map.keyframes, off, *pair, (0.5, 0.0)) is not None
+    assert closer.verified(slam_map.keyframes, off, *pair, (0.0, 0.0)) is None
 
 
 def test_map_torn_in_two_is_called_failed_unless_a_loop_ties_it(slam_map):
