@@ -51,6 +51,11 @@ class MapVerdict:
     pairs: int
     reasons: tuple[str, ...] = ()
 
+    @property
+    def doubt(self) -> tuple[bool, float]:
+        """Less is better: first whether it is good, then what its scans say against it."""
+        return not self.is_good, self.passed_ratio + self.bad_pairs
+
 
 def judged(
     keyframes: Sequence[Keyframe],

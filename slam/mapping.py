@@ -35,7 +35,8 @@ class MapperConfig:
     start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
     keyframes after which the poses are adjusted, if there are new loops, by so many
     online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
-    what the front end says. Chosen, all of these.
+    what the front end says. patient_rounds, patient_inlier_ratio: of loops looked for where a map
+    does not hold together. Chosen, all of these.
     """
 
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
@@ -51,6 +52,8 @@ class MapperConfig:
     solve_every: int = 25
     online_iterations: int = 1
     step_sigma: tuple[float, float, float] = STEP_SIGMA
+    patient_rounds: int = 3
+    patient_inlier_ratio: float = 0.78
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +136,34 @@ class Mapper:
         )
 
     def finish(self) -> SlamMap:
-        """All loops once more from where the poses are now, and all poses adjusted to the end."""
+        """All loops once more from where the poses are now, and all poses adjusted to the end.
+
+        Where the map then does not hold together, loops may be missing: each keyframe is asked, and
+        less complete matches will do. What comes of it is kept if the map holds together better.
+        """
+        config = self.config
+        slam_map = again = self._finished(self._closer, config.loops.every)
+        if slam_map.verdict.is_good or not self._loops or not self._is_joined:
+            return slam_map
+        before = list(self._loops), self._graph.poses.copy()
+        loops = replace(config.loops, least_inlier_ratio=config.patient_inlier_ratio)
+        closer = LoopCloser(loops, config.front_end.surfaces)
+        for _ in range(config.patient_rounds):
+            again = self._finished(closer, 1)
+        if again.verdict.doubt < slam_map.verdict.doubt:
+            return again
+        self._set_loops(*before)
+        return slam_map
+
+    def _finished(self, closer: LoopCloser, every: int) -> SlamMap:
+        """The map with the loops that a closer finds beside those known."""
         kept, rejected = self._loops, list[Loop]()
         if self._loops:
-            kept, rejected = self._adjusted()
+            kept, rejected = self._adjusted(closer, every)
             if not self._holds():
                 self._unjoin()
                 if self._loops:
-                    kept, rejected = self._adjusted()
+                    kept, rejected = self._adjusted(closer, every)
                 else:
                     kept, rejected = [], []
         keyframes, poses = self._keyframes.copy(), self._graph.poses
@@ -165,16 +188,14 @@ class Mapper:
             verdict,
         )  # fmt: skip
 
-    def _adjusted(self) -> tuple[list[Loop], list[Loop]]:
+    def _adjusted(self, closer: LoopCloser, every: int) -> tuple[list[Loop], list[Loop]]:
         """Loops kept and rejected once all are found that there are, and all poses adjusted."""
         self._solve()
         known = {(loop.earlier, loop.later) for loop in self._loops}
         # those of the sessions before were asked when these ended
-        asked = [k for k in range(len(self._keyframes)) if k % self.config.loops.every == 0]
+        asked = [k for k in range(len(self._keyframes)) if k % every == 0]
         asked = [k for k in asked if k >= self._first]
-        found = self._closer.found(
-            self._keyframes, self._graph.poses, asked, others=self._comparable
-        )
+        found = closer.found(self._keyframes, self._graph.poses, asked, others=self._comparable)
         self._take([one for one in found if (one.earlier, one.later) not in known])
         is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
         is_rejected[self._solve().rejected_loops()] = True

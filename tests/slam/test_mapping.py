@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slam.front_end import StepStatus
-from slam.loop_closing import LoopCloser
-from slam.map_consistency import judged
-from slam.mapping import Mapper
+from slam.loop_closing import LoopCloser, LoopConfig
+from slam.map_consistency import ConsistencyConfig, judged
+from slam.mapping import Mapper, MapperConfig
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
@@ -105,6 +105,23 @@ def test_loop_farther_off_than_was_searched_is_another_place(slam_map):
     assert closer.verified(slam_map.keyframes, slam_map.poses, *pair, (0.0, 0.0)) is not None
     assert closer.verified(slam_map.keyframes, off, *pair, (0.5, 0.0)) is not None
     assert closer.verified(slam_map.keyframes, off, *pair, (0.0, 0.0)) is None
+
+
+@pytest.mark.parametrize(("every", "least_loops"), [(50, 20), (60, 0)])
+def test_map_that_does_not_hold_together_is_asked_again(every, least_loops):
+    # few loops, and a limit that no map keeps; where more of them are no better, they are left out
+    config = MapperConfig(
+        loops=LoopConfig(every=every),
+        consistency=ConsistencyConfig(most_passed=-1.0),
+        patient_rounds=1,
+    )
+    mapper = Mapper(ring.T_BASE_LASER, config)
+    for measurement in ring.drive(ring.way(1.2, step_m=0.25), np.random.default_rng(0)):
+        mapper.update(measurement)
+    found = mapper.finish()
+    assert len(found.loops) >= least_loops
+    assert found.graph.edge_count == len(found.keyframes) - 1 + len(found.loops + found.rejected)
+    assert np.array_equal(found.graph.poses, found.poses)
 
 
 def test_map_torn_in_two_is_called_failed_unless_a_loop_ties_it(slam_map):
