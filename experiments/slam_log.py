@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from experiments.evaluation import Evaluation, evaluated
+from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, wheels_summary
 from experiments.trial_log import write_atomically
 from slam.front_end import StepStatus
 from slam.map_files import write_map
-from slam.mapping import Mapper, MapperStep
+from slam.mapping import Mapper, MapperConfig, MapperStep
 from slam.metrics import read_relations
 from slam.pose_graph import write_g2o
 from slam.pose_lookup import PoseLookup
@@ -42,6 +45,7 @@ class SlamLog:
     with the last scan, None where the system does not tell.
     evaluation: against a reference, where there is one. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, None: with none.
+    wheels: what calibrating them from the drive gave, where the log tells their ticks.
     """
 
     name: str
@@ -55,6 +59,7 @@ class SlamLog:
     evaluation: Evaluation | None = None
     continued: str | None = None
     joined_at: int | None = None
+    wheels: dict[str, Any] | None = None
 
     @property
     def way_m(self) -> float:
@@ -91,6 +96,7 @@ class SlamLog:
                 "warm_up": self.warm_up_cpu_s,
             },
             "memory_mb": self.memory_mb,
+            "wheels": self.wheels,
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
@@ -123,11 +129,44 @@ def run(
     against = None if reference is None else read_tum(reference)
     related = None if relations is None else read_relations(relations)
     known = None if map_path is None else read_slam_map(map_path)
-    log = read_log(log_path)
+    mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
+    result = _best_mapped(read_log(log_path), mapped)
+    if map_path is not None:
+        result = replace(result, continued=map_path.name)
+    if against is None and related is None:
+        return result
+    name = None if relations is None else relations.name
+    evaluation = evaluated(result.trajectory, against, related, relations_of=name)
+    return replace(result, evaluation=evaluation)
+
+
+def _best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
+    """The log mapped; where it tells ticks, twice: by the wheels as assumed, and as the drive shows
+    them. The map is that which holds together, and of two that do, the sharper one."""
+    first, calibrated = mapped(log), calibrated_log(log)
+    if calibrated is None:
+        return first
+    second = mapped(calibrated.log, calibrated.mapper)
+    maps = first.slam_map, second.slam_map
+    doubts = [(not one.verdict.is_good, map_spread_m(one) or math.inf) for one in maps]
+    is_used = calibrated.is_sharper and doubts[1] < doubts[0]
+    wheels = wheels_summary(calibrated, maps, is_used)
+    return replace(second if is_used else first, wheels=wheels)
+
+
+def _mapped(
+    log: Log,
+    config: MapperConfig | None = None,
+    *,
+    known: SlamMap | None,
+    start: SE2 | None,
+    on_scan: OnScan | None,
+) -> SlamLog:
+    """One pass over a log."""
     mapper = (
-        Mapper(log.T_base_laser)
+        Mapper(log.T_base_laser, config)
         if known is None
-        else Mapper.continued(known, log.T_base_laser, start)
+        else Mapper.continued(known, log.T_base_laser, start, config)
     )
     joined_at, index, slowest_s = None, 0, 0.0
     started_s = time.process_time()
@@ -162,14 +201,10 @@ def run(
     trajectory = _of_records(
         log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
     )
-    evaluation = None
-    if against is not None or related is not None:
-        name = None if relations is None else relations.name
-        evaluation = evaluated(trajectory, against, related, relations_of=name)
     is_joined = known is not None and known.session_count not in slam_map.unjoined
     return SlamLog(
-        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, warm_up_s, memory_mb, evaluation,
-        None if map_path is None else map_path.name, joined_at if is_joined else None,
+        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, warm_up_s, memory_mb,
+        joined_at=joined_at if is_joined else None,
     )  # fmt: skip
 
 
@@ -249,4 +284,6 @@ def table(summary: dict[str, Any]) -> str:
         number, at = len(summary["sessions"]), summary["joined_at"]
         joined = "never joined" if at is None else f"joined at scan {at + 1} of {summary['scans']}"
         lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
+    if summary["wheels"] is not None:
+        lines.append(wheels_line(summary["wheels"]))
     return "\n".join(lines)

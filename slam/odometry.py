@@ -94,3 +94,25 @@ def compose_covariance(
     """
     carry = motion_second.inverse().adjoint()
     return np.asarray(carry @ covariance_first @ carry.T + covariance_second)
+
+
+@dataclass(frozen=True)
+class WheelModel:
+    """How ticks and scans of a robot come to be: what a calibration finds of it.
+
+    T_base_laser: the laser's mounting. side_slip_s: metres aside, to the left, per metre ahead and
+    rad/s of turn: tires give way in curves. late_s: from the last beam of a scan to its stamp.
+    """
+
+    drive: DifferentialDrive
+    T_base_laser: SE2
+    side_slip_s: float = 0.0
+    late_s: float = 0.0
+
+    def motion(self, ticks_delta: ArrayLike, duration_s: float) -> SE2:
+        """The motion of the base while the wheels turned by ticks_delta (2,), in such a time."""
+        motion = self.drive.motion(ticks_delta)
+        if self.side_slip_s == 0.0 or duration_s <= 0.0:
+            return motion
+        ahead_m, _, turn_rad = motion.log()
+        return SE2.exp([ahead_m, self.side_slip_s * ahead_m * turn_rad / duration_s, turn_rad])

@@ -78,6 +78,8 @@ RANKS = (
         "straightening",
         "matchers",
         "calibration",
+        "wheel_calibration",
+        "sharpness",
     },
     {"localization", "known_map", "mapping", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up"},

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan, Measurement
-from slam.odometry import compose_covariance
+from slam.odometry import WheelModel, compose_covariance
 from slam.se2 import SE2
 
 MotionNoise = Callable[[SE2], FloatArray]
@@ -47,6 +47,7 @@ class Log:
     """A log that was read through once, and found whole; none of its scans is kept.
 
     has_odometry: False where the log has scans alone; the motions are then nothing but a guess.
+    wheels: of a log of encoder ticks; with_wheels: the same log by other wheels.
     """
 
     name: str
@@ -55,6 +56,8 @@ class Log:
     records: LogRecords
     noise: MotionNoise = field(repr=False)
     has_odometry: bool = True
+    wheels: WheelModel | None = None
+    with_wheels: Callable[[WheelModel], Log] | None = field(default=None, repr=False)
 
     def measurements(self) -> Iterator[Measurement]:
         """One Measurement per scan, with the motion over all odometry records since the last."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.measurements import LaserScan
-from slam.odometry import DifferentialDrive, OdometryNoise
+from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.sweep_clock import rhythm
@@ -44,7 +44,7 @@ class TicksConfig:
     clockwise; it measures from step 44 to 726, and step 384 looks ahead. 0.145 m ahead of the axle.
     late_s: from the last beam to the stamp, on average; found where the turns of scan after scan
     follow the ticks best: to 11 mrad in 0.1 s, not to 33 as if it were 0.
-    range_max_m: what is not below it is no return.
+    side_slip_s: as in `WheelModel`. range_max_m: what is not below it is no return.
     """
 
     drive: DifferentialDrive = _MINES_DRIVE
@@ -54,7 +54,20 @@ class TicksConfig:
     step_rad: float = 2.0 * math.pi / 1024
     sweep_s: float = 0.1
     late_s: float = 0.112
+    side_slip_s: float = 0.0
     range_max_m: float = 5.6
+
+    @property
+    def wheels(self) -> WheelModel:
+        """What of this a drive shows."""
+        return WheelModel(self.drive, self.T_base_laser, self.side_slip_s, self.late_s)
+
+    def with_wheels(self, wheels: WheelModel) -> TicksConfig:
+        """The same but for the wheels."""
+        return replace(
+            self, drive=wheels.drive, T_base_laser=wheels.T_base_laser,
+            side_slip_s=wheels.side_slip_s, late_s=wheels.late_s,
+        )  # fmt: skip
 
     def covariance(self, motion: SE2) -> FloatArray:
         """(3, 3) of a motion of the drive, by the ticks that make it."""
@@ -111,7 +124,9 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
     or has no scan in it; OSError when the file cannot be opened.
     """
     path, config = Path(path), config or TicksConfig()
-    stamps_s, ticks, returned = [], [], np.zeros(0, dtype=bool)
+    stamps_s: list[float] = []
+    ticks: list[FloatArray] = []
+    returned: BoolArray = np.zeros(0, dtype=bool)
     for line in _lines(path, config):
         returned = np.isfinite(line.ranges_m) | (returned if stamps_s else False)
         stamps_s.append(line.time_s)
@@ -125,15 +140,19 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
         scan_count=len(stamps_s),
         records=LogRecords(len(stamps_s), partial(_records, path, config, sweeps)),
         noise=config.covariance,
+        wheels=config.wheels,
+        with_wheels=lambda wheels: read_ticks(path, config.with_wheels(wheels)),
     )
 
 
 def _records(path: Path, config: TicksConfig, sweeps: _Sweeps) -> Iterator[LogRecord]:
     angles_rad = np.asarray(config.first_beam_rad + config.step_rad * np.arange(len(sweeps.blind)))
     before_s = sweeps.turn_s * (angles_rad[-1] - angles_rad) / (2.0 * math.pi)
-    T_odom_base, last = SE2.identity(), sweeps.ticks[0]
+    wheels, T_odom_base = config.wheels, SE2.identity()
+    last_s, last_ticks = sweeps.ends_s[0], sweeps.ticks[0]
     for line, end_s, ticks in zip(_lines(path, config), sweeps.ends_s, sweeps.ticks, strict=True):
-        T_odom_base, last = T_odom_base @ config.drive.motion(ticks - last), ticks
+        T_odom_base = T_odom_base @ wheels.motion(ticks - last_ticks, end_s - last_s)
+        last_s, last_ticks = end_s, ticks
         line.ranges_m[sweeps.blind] = np.nan
         scan = LaserScan(end_s, angles_rad, line.ranges_m, end_s - before_s)
         yield LogRecord(end_s, T_odom_base, scan)

@@ -10,6 +10,7 @@ from experiments.cli import main
 from slam import read_map, read_tum
 from slam.pose_graph import read_g2o
 from tests.experiments.refusals import refusal
+from tests.slam.logs import shared_log
 
 DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "fr101-excerpt.clf.gz"
@@ -136,3 +137,20 @@ def test_map_that_is_cut_is_refused_in_one_line(folder, tmp_path, capsys):
     path = tmp_path / "map.kitasap"
     path.write_bytes((folder / "map.kitasap").read_bytes()[:1000])
     assert "map.kitasap: expected a map" in refusal(capsys, "localize", path, LOG)
+
+
+def test_rover_is_mapped_by_the_wheels_that_its_drive_shows(tmp_path):
+    assert main(["slam", str(shared_log("mines-exp2.dat.gz")), "--out", str(tmp_path)]) == 0
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    wheels = summary["wheels"]
+    assert summary["verdict"] == "good"
+    # walls as the wheels alone put them: 111 mm about themselves, and 81 to 91
+    spread_m = wheels["spread_by_wheels_m"]
+    assert spread_m["after"] < 0.9 * spread_m["before"]
+    # which of the two maps is sharper hangs on a few loops: 80 to 110 mm, and 90
+    assert wheels["spread_of_map_m"].keys() == {"before", "after"}
+    # the two wheels are alike, and a turn of them turns the robot by 9 to 12 % more than assumed
+    left, right = wheels["calibrated"]["wheel_radius_m"]
+    assert left == pytest.approx(right, rel=0.01)
+    ratio = wheels["calibrated"]["track_m"] / left * 0.077 / 0.33
+    assert 0.88 < ratio < 0.93
