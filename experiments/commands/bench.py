@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.commands.options import RESULTS, Laser, People, PlaceName, Seed, Trials
+from experiments.commands.options import RESULTS, Laser, Log, People, PlaceName, Seed, Trials
 
 app = typer.Typer()
 
@@ -62,3 +62,14 @@ def relocalization(
     from experiments.bench.relocalization import print_benchmark
 
     print_benchmark(laser, people, trials, seed)
+
+
+@app.command()
+def mapping(
+    log: Log,
+    out: Annotated[Path | None, typer.Option(help="Write the table as JSON to this file.")] = None,
+) -> None:
+    """Processor time and memory of mapping a recorded log: front end, loops, finishing."""
+    from experiments.bench.mapping import print_benchmark
+
+    print_benchmark(log, out)
