@@ -47,7 +47,7 @@ class SurfacesConfig:
     prior_points: float = 2.0
     most_sigma_m: float = 0.01
     least_own: float = 0.12
-    least_looks: float = 0.8
+    least_looks: float = 0.9
     beside_m: float = 0.08
     beside_share: float = 0.02
     coarsest_m: float = 0.05

@@ -83,7 +83,7 @@ def looks_into(
     The scan's frame is at a pose (3,) in theirs, its beams start at an origin (2,) in it, angles:
     (B,) increasing, ranges: (B,). Of a point before the surface of which it stands, and where beams
     are no farther apart than coarsest_m: met where a beam beside it ends no farther from it than
-    the margin, passed where all beams about it end beyond, or come back from nowhere although the
+    the margin, passed where all beams about it end beyond, or some come back from nowhere although the
     surface, which returned others, is straight before the laser and well within its reach.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -125,16 +125,16 @@ def looks_into(
         if bearing > angles[count - 1] or first < 0 or last >= count:
             continue
         margin = margin_m + margin_share * distance
-        nearest, is_met = math.inf, False
+        nearest, farthest, is_met = math.inf, 0.0, False
         for k in range(first, last + 1):
             if not ranges[k] > 0.0:
                 nearest = -math.inf
                 continue
-            nearest = min(nearest, ranges[k])
+            nearest, farthest = min(nearest, ranges[k]), max(farthest, ranges[k])
             is_met |= abs(ranges[k] - distance) <= margin
         if is_met:
             met[i] += before > 0.0
         elif nearest > distance + margin and (
-            nearest < math.inf or (abs(before) > _STRAIGHT * distance and distance < _SURE * reach)
+            farthest < math.inf or (abs(before) > _STRAIGHT * distance and distance < _SURE * reach)
         ):
             passed[i] += 1
