@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -107,10 +108,10 @@ class Hypotheses:
         starts = [relocalizer.refined(beams, place.T_map_base) for place in self.places]
         starts += relocalizer(beams)
         # however bad a place is by this scan alone, the other views may speak for it
-        joined = [self._joined(start) for start in relocalizer.distinct(starts, math.inf)]
+        joined = [self._joined(start, beams) for start in relocalizer.distinct(starts, math.inf)]
         most = max((one.log_likelihood for one in joined), default=0.0)
         behind = max(relocalizer.config.max_behind, 2.0 * self._margin_needed(most))
-        self.places = tuple(relocalizer.distinct(joined, behind)[: self.config.max_places])
+        self.places = self._ranked(relocalizer.distinct(joined, behind)[: self.config.max_places])
         drift = self.config.drift_m, self.config.drift_rad
         if not (before and self.places) or not self.places[0].T_map_base.is_near(
             before[0].T_map_base, *drift
@@ -122,10 +123,12 @@ class Hypotheses:
 
     @property
     def margin(self) -> float:
-        """By how much the best place is more likely than the next; inf where there is none."""
-        if len(self.places) < 2:
-            return math.inf
-        return self.places[0].log_likelihood - self.places[1].log_likelihood
+        """By how much the best place is more likely than any other; inf where there is none.
+
+        Below 0 where another is, but nearly as likely and a worse fit.
+        """
+        most = max((place.log_likelihood for place in self.places[1:]), default=-math.inf)
+        return self.places[0].log_likelihood - most if self.places else math.inf
 
     @property
     def unexplained(self) -> float:
@@ -143,19 +146,24 @@ class Hypotheses:
     @property
     def rivals(self) -> tuple[Hypothesis, ...]:
         """The best place and those that are not yet so much less likely that it is sure."""
-        if not self.places:
-            return ()
-        least = self.places[0].log_likelihood - self.margin_needed
-        return tuple(place for place in self.places if place.log_likelihood >= least)
+        most = max((place.log_likelihood for place in self.places), default=0.0)
+        return _behind(self.places, self._margin_needed(most))
 
     def beats(self, T_map_base: SE2, beams: Beams) -> bool:
-        """Whether the best place is surely more likely than a pose, by this scan alone."""
-        best, other = self.places[0], self._within_drift(beams, T_map_base)
+        """Whether the most likely place surely is more so than a pose, by this scan alone."""
+        best = max(self.places, key=lambda place: place.log_likelihood)
+        other = self._within_drift(beams, T_map_base)
         margin = self._relocalizer.at(beams, best.T_map_base).log_likelihood - other.log_likelihood
         return margin > self.config.beats * self._margin_needed(best.evidence.log_likelihood)
 
     def _margin_needed(self, log_likelihood: float) -> float:
         return self.config.min_margin + self.config.min_share * max(-log_likelihood, 0.0)
+
+    def _ranked(self, places: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+        """Places, the most likely first; of those that differ by chance, by how well they fit too."""
+        alike = _behind(places, self.config.min_margin)
+        first = sorted(alike, key=lambda place: -(place.log_likelihood + place.surface_fit))
+        return (*first, *places[len(alike) :])
 
     def _see(self, beams: Beams) -> bool:
         """Takes up a scan; whether from where none was taken before."""
@@ -172,9 +180,10 @@ class Hypotheses:
     def _is_same(self, view: _View) -> bool:
         return view.T_now_then.is_near(SE2.identity(), self.config.view_m, self.config.view_rad)
 
-    def _joined(self, place: Hypothesis) -> Hypothesis:
+    def _joined(self, place: Hypothesis, beams: Beams) -> Hypothesis:
         """With what the other views say for the place."""
         total, T_then, T_now_then = place.evidence.log_likelihood, place.T_map_base, SE2.identity()
+        fit = self._relocalizer.surface_fit(beams, place)
         # back from view to view, so that the wheels are trusted from one to the next alone
         for view in reversed(self._witnesses):
             T_then = T_then @ (T_now_then.inverse() @ view.T_now_then)
@@ -182,7 +191,8 @@ class Hypotheses:
             refined = self._within_drift(view.beams, T_then)
             T_then = refined.T_map_base
             total += refined.log_likelihood
-        return replace(place, log_likelihood=total)
+            fit += self._relocalizer.surface_fit(view.beams, refined)
+        return replace(place, log_likelihood=total, surface_fit=fit)
 
     def _within_drift(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
         """The hypothesis near a pose, no farther than the wheels may be wrong; else the pose."""
@@ -190,6 +200,12 @@ class Hypotheses:
         if refined.T_map_base.is_near(T_map_base, self.config.drift_m, self.config.drift_rad):
             return refined
         return self._relocalizer.at(beams, T_map_base)
+
+
+def _behind(places: Sequence[Hypothesis], margin: float) -> tuple[Hypothesis, ...]:
+    """Those less likely than the most likely by no more than a margin."""
+    most = max((place.log_likelihood for place in places), default=0.0)
+    return tuple(place for place in places if place.log_likelihood >= most - margin)
 
 
 def most_telling_turn(

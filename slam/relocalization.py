@@ -28,8 +28,9 @@ class RelocalizerConfig:
     """How a `Relocalizer` works.
 
     search: over the whole map. evidence: None: what suits the map. first, last: how a candidate is
-    refined, on few points and on all; carried: one that wheels brought here. apart_m, apart_rad:
-    poses closer than both are one hypothesis. max_refined: the best candidates that are refined on
+    refined, on few points and on all; carried: one that wheels brought here; fit: how far off a
+    surface a point is that does not lie on it; chosen: what walls made of scans are off. apart_m,
+    apart_rad: poses closer than both are one hypothesis. max_refined: the best candidates that are refined on
     all points. max_behind: of log-likelihood, behind the best, at which a hypothesis is not worth
     returning.
     """
@@ -45,6 +46,9 @@ class RelocalizerConfig:
     carried: SurfelMatchConfig = field(
         default_factory=lambda: SurfelMatchConfig(scales_m=(0.3, 0.1, 0.0), strides=(4, 2, 1))
     )
+    fit: SurfelMatchConfig = field(
+        default_factory=lambda: SurfelMatchConfig(scales_m=(0.05,), strides=(1,), max_steps=1)
+    )
     apart_m: float = 0.3
     apart_rad: float = math.radians(8.0)
     max_refined: int = 8
@@ -55,12 +59,14 @@ class RelocalizerConfig:
 class Hypothesis:
     """A pose where a scan may have been taken, and what the scan says for it.
 
-    log_likelihood: summed over the scans that were joined; evidence: of the last one.
+    log_likelihood: summed over the scans that were joined; evidence: of the last one. surface_fit:
+    summed as well, which of several that are nearly as likely comes first.
     """
 
     T_map_base: SE2
     evidence: Evidence
     log_likelihood: float
+    surface_fit: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +136,22 @@ class Relocalizer:
             beams, self.segment_map, self.laser, T_map_base, self.config.evidence
         )
         return Hypothesis(T_map_base, evidence, evidence.log_likelihood)
+
+    def surface_fit(self, beams: Beams, hypothesis: Hypothesis) -> float:
+        """Log-likelihood of the scan's points to lie on the map's surfaces, at a pose as it is.
+
+        0 where the map is exactly known, and evidence misses nothing. On a map made of scans it is
+        jagged, each beam meeting one short wall or its neighbour: what is left of it between two
+        corridors that look alike is chance, and how near the points lie tells more.
+        """
+        if self.segment_map.is_exact:
+            return 0.0
+        match = match_surfels(
+            beams.points, beams.middle_m, self.surfels, self.laser.noise_table,
+            hypothesis.T_map_base, self.config.fit,
+        )  # fmt: skip
+        # the kernel makes of a squared residual of q sigmas q / (6 + q) of a cost
+        return -3.0 * match.cost * hypothesis.evidence.used
 
     def distinct(
         self, hypotheses: Iterable[Hypothesis], max_behind: float | None = None

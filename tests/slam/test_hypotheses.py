@@ -11,7 +11,8 @@ from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
-from tests.slam.synthetic import SYMMETRIC_ROOM, box, scan_of, searcher
+from slam.surfel_grid import SurfelGrid
+from tests.slam.synthetic import CLUTTERED_ROOM, SYMMETRIC_ROOM, box, scan_of, searcher
 
 HALF_TURN = SE2(0.0, 0.0, math.pi)
 # at the middle of the right wall; by half a turn it would be at that of the left one
@@ -224,6 +225,9 @@ def test_best_place_beats_a_wrong_pose_and_not_its_own_mirror(relocalizer):
         told.look(seen(there, rng))
         assert told.beats(HALF_TURN @ there, seen(there, rng))
         assert not told.beats(there, seen(there, rng))
+        # the most likely, whatever comes first
+        told.places = told.places[::-1]
+        assert told.beats(HALF_TURN @ there, seen(there, rng))
         blind.look(seen(START, rng))
         assert not blind.beats(START, seen(START, rng))
         assert not blind.beats(HALF_TURN @ START, seen(START, rng))
@@ -285,3 +289,23 @@ def test_map_made_of_scans_wants_a_wider_margin():
     wider = HypothesesConfig.fit_for(fitted)
     assert wider.min_margin > HypothesesConfig().min_margin
     assert wider.min_share > HypothesesConfig().min_share
+
+
+def test_of_places_nearly_as_likely_that_comes_first_on_whose_walls_the_points_lie():
+    # the room's twin is a little larger; in the room itself a post stood that has gone since
+    twin = CLUTTERED_ROOM * [1.01, 1.02] + [20.0, 0.0]
+    post = box(1.3, 1.46, 1.36, 1.64)
+    walls = np.concatenate([CLUTTERED_ROOM, post, twin])
+    fitted = SegmentMap(walls, np.full(len(walls), 0.02), is_one_sided=True)
+    relocalizer = Relocalizer.of(fitted, SurfelGrid.of(fitted), searcher(walls).laser)
+    true, rng = SE2(2.2, 1.5, math.pi), np.random.default_rng(0)
+    scan = scan_of(CLUTTERED_ROOM, true, rng, 0.01, ANGLES_RAD, range_max_m=10.0)
+    beams, search = Beams.of(scan, SE2.identity()), Hypotheses(relocalizer)
+    search.look(beams)
+    best, other = search.places[:2]
+    assert is_at(best.T_map_base, true)
+    assert other.log_likelihood > best.log_likelihood
+    assert other.surface_fit < best.surface_fit - 10.0
+    # whose place it is stays open
+    assert search.margin == best.log_likelihood - other.log_likelihood
+    assert search.rivals[:2] == (best, other)
