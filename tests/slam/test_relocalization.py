@@ -7,14 +7,31 @@ import pytest
 
 from slam.beams import Beams
 from slam.laser_model import LaserModel
+from slam.localization import Localizer
+from slam.lost import Guard
+from slam.matchers import FastMatcher, LimitMatcher
+from slam.measurements import Measurement
+from slam.range_noise import RangeNoise
 from slam.relocalization import Hypothesis, Relocalizer, RelocalizerConfig, in_front_of
 from slam.se2 import SE2, wrap_angle
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
-from tests.slam.synthetic import CLUTTERED_ROOM, SYMMETRIC_ROOM, legs, scan_of, searcher
+from tests.slam.synthetic import (
+    CLUTTERED_ROOM,
+    SYMMETRIC_ROOM,
+    box,
+    legs,
+    room,
+    scan_of,
+    searcher,
+)
 
 ANGLES_RAD = np.radians(np.arange(-120.0, 121.0))
 MOUNT = SE2(0.1, 0.0, 0.0)
+CORRIDOR = np.concatenate(
+    [room(-20.0, 0.0, 20.0, 2.0), box(-0.6, 0.0, -0.51, 0.09), box(0.6, 0.0, 0.69, 0.09)]
+)
+"""Its ends are out of reach; two posts alone tell where along it the robot is."""
 
 
 @pytest.fixture(scope="module")
@@ -197,3 +214,38 @@ def test_map_without_walls_and_map_too_large_are_refused():
     wide = SegmentMap([[[0.0, 0.0], [1e9, 0.0]], [[0.0, 0.0], [0.0, 1e9]]])
     with pytest.raises(ValueError, match="too large to search"):
         Relocalizer.of(wide, surfels, laser)
+
+
+def fitted(walls: np.ndarray, config: RelocalizerConfig | None = None) -> Relocalizer:
+    """The search of walls that are uncertain, as those of a map made of scans."""
+    segment_map = SegmentMap(walls, np.full(len(walls), 0.02), is_one_sided=True)
+    laser = LaserModel(RangeNoise(((1.0, 0.01),)), 0.02, 10.0)
+    return Relocalizer.of(segment_map, SurfelGrid.of(segment_map), laser, None, config)
+
+
+def test_along_a_corridor_the_middle_of_what_is_likely_is_found_and_in_a_room_the_pose_is_kept():
+    true, relocalizer = SE2(0.1, 1.0, 0.0), fitted(CORRIDOR)
+    beams = seen(CORRIDOR, true, np.random.default_rng(3))
+    for off_m in (-0.15, -0.1, 0.1, 0.15):
+        found = relocalizer.centred(beams, true @ SE2(off_m, 0.0, 0.0))
+        # the likelihood falls by six, and differences of four may be chance
+        assert abs(found.x - true.x) < 0.7 * abs(off_m)
+        assert found.is_near(true, 0.15, 0.001)
+    beams = seen(CLUTTERED_ROOM, SE2(2.2, 1.5, 0.5), np.random.default_rng(3))
+    for off in (SE2.identity(), SE2(0.05, -0.03, 0.01)):
+        pose = SE2(2.2, 1.5, 0.5) @ off
+        assert fitted(CLUTTERED_ROOM).centred(beams, pose) == pose
+
+
+def test_robot_that_finds_itself_on_a_map_of_scans_stands_in_the_middle_of_what_is_likely():
+    relocalizer = fitted(CORRIDOR, RelocalizerConfig(loose_m=0.0))
+    fast = FastMatcher(relocalizer.surfels, relocalizer.laser)
+    matcher = LimitMatcher(relocalizer.segment_map, relocalizer.laser, fast)
+    robot = Localizer(matcher, None, MOUNT, None, Guard(relocalizer))
+    rng = np.random.default_rng(3)
+    scan = scan_of(CORRIDOR, SE2(0.1, 1.0, 0.0), rng, 0.01, ANGLES_RAD, range_max_m=10.0)
+    estimate = robot.update(Measurement(0.0, SE2.identity(), scan, np.zeros((3, 3))))
+    best = estimate.verdict.hypotheses[0].T_map_base
+    middle = relocalizer.centred(Beams.of(scan, MOUNT), best)
+    assert middle != best
+    assert estimate.T_map_base.is_near(middle, 1e-9, 1e-9)
