@@ -12,7 +12,8 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.consistency import InnovationMonitor
 from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held
-from slam.lost import Guard, Look, Step
+from slam.look import Look, Step
+from slam.lost import Guard
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
@@ -200,18 +201,19 @@ class Localizer:
             if guard is not None:
                 guard.carry(moved)
             return Judgement(Verdict(Status.UNSURE, (_FROZEN,)), None), ()
-        if guard is not None and guard.is_lost:
-            self._straightener.late = np.zeros((3, 3))  # that of the pose before is over
-            return guard.search(self._look(measurement), moved), ()
-        T_predicted = self.T_map_base
+        look, T_predicted = self._look(measurement), self.T_map_base
+        step = Step(T_last, T_predicted, self._filter.covariance, measurement.motion_covariance)
+        if guard is not None:
+            judged = guard.search(look, moved) if guard.is_lost else guard.carried_off(look, step)
+            if judged is not None:
+                self._straightener.late = np.zeros((3, 3))  # that of the pose before is over
+                return judged, ()
         match, said = self._straightener.matched(  # steps 2 to 7
             scan, lambda beams: self.matcher(beams.shortened(self._offset_m), T_predicted)
         )
         if guard is None:
             return Judgement(verdict_of(match), match), said
-        noise = measurement.motion_covariance
-        step = Step(T_last, T_predicted, self._filter.covariance, noise)
-        return guard.judge(self._look(measurement), match, step), said
+        return guard.judge(look, match, step), said
 
     def _look(self, measurement: Measurement) -> Look:
         beams = self._beams_of(measurement.scan)

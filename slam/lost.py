@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.evidence import Evidence
 from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
 from slam.laser_faults import LaserFaultConfig, blocked, is_covered, says_nothing
+from slam.look import Look, Step
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
@@ -31,9 +28,11 @@ class GuardConfig:
     hypotheses: None: what suits the map. jump_m, jump_rad: standard deviations of a match beside
     what it claims, when its innovation is judged; max_jump: normalised innovation squared that no
     wheel explains: 30 is exceeded by chance once in a million. patience: scans in a row that nothing
-    explains before the robot says that it is lost. turn_rad: steps of looking around. recheck_drop,
-    recheck_m: a scan that was found to fit here best is not searched for again before it fits so
-    much worse, or the robot went so far. Chosen, all of these.
+    explains before the robot says that it is lost. turn_rad: steps of looking around.
+    off_surfaces: share of the points that lie on no surface, below which a scan may well be where
+    the wheels lead; near_m, near_rad: of a place within both a matcher may find its way there, which
+    reaches 0.2 m. recheck_drop, recheck_m: a scan that was found to fit here best is not searched
+    for again before it fits so much worse, or the robot went so far. Chosen, all of these.
     """
 
     hypotheses: HypothesesConfig | None = None
@@ -45,36 +44,11 @@ class GuardConfig:
     max_jump: float = 30.0
     patience: int = 3
     turn_rad: float = math.radians(40.0)
+    off_surfaces: float = 0.5
+    near_m: float = 0.5
+    near_rad: float = math.radians(30.0)
     recheck_drop: float = 0.05
     recheck_m: float = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """A scan to be judged: its stamp, its beams, and how it is matched from a pose on."""
-
-    time_s: float
-    beams: Beams
-    matched: Callable[[SE2], ScanMatch]
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What is known of the pose before a scan is looked at.
-
-    T_last: at the last one. told: the motion since, by the wheels; noise: (3, 3) of its tangent.
-    T_predicted: where that leads; covariance: (3, 3) of its tangent.
-    """
-
-    T_last: SE2
-    T_predicted: SE2
-    covariance: FloatArray
-    noise: FloatArray
-
-    @property
-    def told(self) -> SE2:
-        """The motion since the last scan, by the wheels."""
-        return self.T_last.inverse() @ self.T_predicted
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +75,7 @@ class Guard:
         self._lost_s: float | None = None
         self._unexplained = self._beaten = 0
         self._checked: tuple[float, SE2] | None = None
+        self._found: tuple[Look, Hypotheses] | None = None
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -130,6 +105,38 @@ class Guard:
             return Judgement(Verdict(Status.UNSURE, (nothing,), self.hypotheses), None)
         return self._placed(look, self._lost_s)
 
+    def carried_off(self, look: Look, step: Step) -> Judgement | None:
+        """While tracking, before any match: that the robot is plainly elsewhere; None where not.
+
+        Where the wheels lead the scan fits as it would anywhere, and the search of the map, which
+        looks there too, keeps no place near by, but one that is surely more likely. To match such a
+        scan from there is vain, and takes several times as long as the search. Where the map is poor
+        a match that jumps is asked, since one scan that fits elsewhere does not tell.
+        """
+        beams, T_predicted = look.beams, step.T_predicted
+        if self._search.config.beaten_scans > 1:
+            return None
+        if self.relocalizer.off_surfaces(beams, T_predicted) < self.config.off_surfaces:
+            return None
+        if self._says_nothing(beams) or self._blocked(beams, T_predicted):
+            return None
+        limits = self._usual.limits_here(beams)
+        evidence = self.relocalizer.at(beams, T_predicted).evidence
+        if evidence.inlier_ratio >= limits.wrong_inlier_ratio:
+            return None
+        found = self._looked(look)
+        if not found.places or not found.beats(T_predicted, beams):
+            return None
+        near = self.config.near_m, self.config.near_rad
+        if any(
+            place.T_map_base.is_near(T_predicted, *near)
+            or self._jump(ScanMatch(place.T_map_base, MatchStatus.MATCHED), step) is None
+            for place in found.places
+        ):
+            return None
+        misfits = self._usual.misfits(evidence, limits)
+        return self._beaten_by(found, misfits, look)
+
     def judge(self, look: Look, match: ScanMatch, step: Step) -> Judgement:
         """While tracking: whether to believe the match of a scan."""
         nothing = self._says_nothing(look.beams)
@@ -145,14 +152,20 @@ class Guard:
             judged = self._followed(fit, step) if fit.jump is None else self._slipped(fit, step)
             if judged is not None:
                 return judged
-        found = self._hypotheses()
-        found.look(look.beams)
+        found = self._looked(look)
         if fit.jump is not None:
             return self._jumped(fit.jump, fit, found, look, step)
         return self._misfitting(fit, found, look)
 
     def _hypotheses(self) -> Hypotheses:
         return Hypotheses(self.relocalizer, self.config.hypotheses)
+
+    def _looked(self, look: Look) -> Hypotheses:
+        """The places that a scan alone suggests, searched for once."""
+        if self._found is None or self._found[0] is not look:
+            self._found = look, self._hypotheses()
+            self._found[1].look(look.beams)
+        return self._found[1]
 
     def _says_nothing(self, beams: Beams) -> str:
         return says_nothing(beams, self._usual.beam_count(beams), self.config.laser_faults)
@@ -205,10 +218,7 @@ class Guard:
     def _misfitting(self, fit: _Fit, found: Hypotheses, look: Look) -> Judgement:
         """A scan that fits worse than usual where the wheels lead."""
         if found.places and found.beats(fit.T_map_base, look.beams):
-            self._beaten += 1
-            return self._lost_in_time(
-                self._beaten >= found.config.beaten_scans, (_ELSEWHERE, *fit.misfits), found, look
-            )
+            return self._beaten_by(found, fit.misfits, look)
         self._beaten = 0
         if fit.match.status is MatchStatus.DEGENERATE:
             open_way = "the scan leaves a direction open: the wheels alone tell where along it"
@@ -234,6 +244,12 @@ class Guard:
         if is_wall and found.beats(step.T_predicted, look.beams):
             return self._lost_in_time(True, (_ELSEWHERE,), found, look)
         return Judgement(Verdict(Status.UNSURE, (blocked,)), None)
+
+    def _beaten_by(self, found: Hypotheses, misfits: tuple[str, ...], look: Look) -> Judgement:
+        """A scan that fits another place far better, through as many in a row as it takes."""
+        self._beaten += 1
+        is_time = self._beaten >= found.config.beaten_scans
+        return self._lost_in_time(is_time, (_ELSEWHERE, *misfits), found, look)
 
     def _lost_in_time(
         self, is_time: bool, reasons: tuple[str, ...], found: Hypotheses, look: Look
@@ -327,22 +343,5 @@ class Guard:
         return not is_worse and went_m < self.config.recheck_m
 
     def _jump(self, match: ScanMatch, step: Step) -> str | None:
-        """That the match is farther from the prediction than wheels and laser explain, in words."""
         config = self.config
-        innovation = (step.T_predicted.inverse() @ match.T_map_base).log()
-        bound = step.covariance + np.diag(
-            np.square([config.jump_m, config.jump_m, config.jump_rad])
-        )
-        known = match.information
-        if known is None:
-            squared = float(innovation @ np.linalg.solve(bound, innovation))
-        else:  # (bound + known^-1)^-1, which needs no inverse where a direction is open
-            told = np.linalg.solve(np.eye(3) + known @ bound, known @ innovation)
-            squared = float(innovation @ told)
-        if not squared > config.max_jump:
-            return None
-        off_m = math.hypot(innovation[0], innovation[1])
-        return (
-            f"carried away: the scan is {off_m:.2f} m and {math.degrees(abs(innovation[2])):.0f}"
-            " degrees from where the wheels say"
-        )
+        return step.jump(match, (config.jump_m, config.jump_rad), config.max_jump)

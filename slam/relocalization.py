@@ -153,12 +153,19 @@ class Relocalizer:
         """
         if self.segment_map.is_exact:
             return 0.0
-        match = match_surfels(
-            beams.points, beams.middle_m, self.surfels, self.laser.noise_table,
-            hypothesis.T_map_base, self.config.fit,
-        )  # fmt: skip
         # the kernel makes of a squared residual of q sigmas q / (6 + q) of a cost
-        return -3.0 * match.cost * hypothesis.evidence.used
+        return -3.0 * self.off_surfaces(beams, hypothesis.T_map_base) * hypothesis.evidence.used
+
+    def off_surfaces(self, beams: Beams, T_map_base: SE2) -> float:
+        """Share of the scan's points that lie on no surface at a pose, each as far as it does not.
+
+        Says less than `at`, in a thirtieth of its time.
+        """
+        match = match_surfels(
+            beams.points, beams.middle_m, self.surfels, self.laser.noise_table, T_map_base,
+            self.config.fit,
+        )  # fmt: skip
+        return match.cost
 
     def centred(self, beams: Beams, T_map_base: SE2) -> SE2:
         """The middle of what is as likely as a pose, along a direction that is held loosely.

@@ -6,23 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam import SE2, FastMatcher, LimitMatcher, Localizer, Measurement, SegmentMap, SurfelGrid
+from slam import SE2, Localizer
 from slam.beams import Beams
 from slam.laser_faults import LaserFaultConfig, says_nothing
-from slam.lost import Guard, Look, Step
+from slam.look import Look, Step
 from slam.measurements import LaserScan
-from slam.relocalization import Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.verdict import Status
 from slam.verdict_limits import VerdictLimits
-from tests.slam.all_methods import MODEL, SIGMA_M
+from tests.slam.all_methods import SIGMA_M
+from tests.slam.guarded import LASER, START, STILL, Robot, made
 from tests.slam.synthetic import ANGLES_RAD, ROOM_SEGMENTS, scan_of
 
-LASER = SE2(0.1, 0.0, 0.0)
-START = SE2(2.6, 1.9, 0.4)
 ELSEWHERE = [SE2(1.5, 1.0, 2.0), SE2(3.4, 3.2, -1.0), SE2(5.3, 1.6, 3.0), SE2(2.6, 2.3, 0.4)]
 STEP = SE2(0.02, 0.0, 0.01)
-STILL = SE2.identity()
 BOX = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0], [0.0, 4.0], [0.0, 0.0]])
 TWIN_ROOM = np.stack([BOX[:-1], BOX[1:]], axis=1)
 """Looks the same from either end."""
@@ -36,36 +33,6 @@ def room():
 @pytest.fixture(scope="module")
 def twin_room():
     return made(TWIN_ROOM)
-
-
-def made(segments):
-    walls = SegmentMap(segments)
-    surfels = SurfelGrid.of(walls)
-    matcher = LimitMatcher(walls, MODEL, FastMatcher(surfels, MODEL))
-    return segments, matcher, Relocalizer.of(walls, surfels, MODEL)
-
-
-class Robot:
-    """Where it truly is, and a localizer that is told so much of it."""
-
-    def __init__(self, room, believed, at=START, seed=0):
-        self.segments, matcher, relocalizer = room
-        self.at, self.time_s, self.rng = at, 0.0, np.random.default_rng(seed)
-        self.localizer = Localizer(matcher, believed, LASER, None, Guard(relocalizer))
-
-    def look(self, motion=STILL, told=None, scan=None):
-        """A step, what the wheels told of it, and the scan that follows."""
-        self.at, self.time_s = self.at @ motion, self.time_s + 0.1
-        if scan is None:
-            scan = scan_of(self.segments, self.at @ LASER, self.rng, SIGMA_M)
-        noise = np.diag([1e-6, 1e-6, 1e-6])
-        return self.localizer.update(
-            Measurement(self.time_s, motion if told is None else told, scan, noise)
-        )
-
-    def is_right(self, estimate):
-        off = self.at.inverse() @ estimate.T_map_base
-        return math.hypot(off.x, off.y) < 0.05 and abs(off.theta) < math.radians(2)
 
 
 def test_ordinary_driving_is_tracking_and_gives_no_reasons(room):
