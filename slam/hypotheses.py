@@ -149,6 +149,11 @@ class Hypotheses:
         most = max((place.log_likelihood for place in self.places), default=0.0)
         return _behind(self.places, self._margin_needed(most))
 
+    def has_other(self, T_map_base: SE2) -> bool:
+        """Whether a place elsewhere than a pose is nearly as likely as any."""
+        apart = self.config.drift_m, self.config.drift_rad
+        return any(not rival.T_map_base.is_near(T_map_base, *apart) for rival in self.rivals)
+
     def beats(self, T_map_base: SE2, beams: Beams) -> bool:
         """Whether the most likely place surely is more so than a pose, by this scan alone."""
         best = max(self.places, key=lambda place: place.log_likelihood)

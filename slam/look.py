@@ -10,6 +10,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.evidence import Evidence
 from slam.scan_match import ScanMatch
 from slam.se2 import SE2
 
@@ -62,3 +63,14 @@ class Step:
             f"carried away: the scan is {off_m:.2f} m and {math.degrees(abs(innovation[2])):.0f}"
             " degrees from where the wheels say"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How a scan fits where it was matched, and what is not as usual about it, in words."""
+
+    match: ScanMatch
+    T_map_base: SE2
+    evidence: Evidence
+    misfits: tuple[str, ...]
+    jump: str | None

@@ -6,10 +6,9 @@ import math
 from dataclasses import dataclass, field, replace
 
 from slam.beams import Beams
-from slam.evidence import Evidence
 from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
 from slam.laser_faults import LaserFaultConfig, blocked, is_covered, says_nothing
-from slam.look import Look, Step
+from slam.look import Fit, Look, Step
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
@@ -19,6 +18,7 @@ from slam.verdict import Judgement, Status, Verdict
 from slam.verdict_limits import VerdictLimits
 
 _ELSEWHERE = "carried away: the scan fits another place far better"
+_MOVED = "moved by no wheel, and the scan fits another place nearly as well"
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,6 @@ class GuardConfig:
     near_rad: float = math.radians(30.0)
     recheck_drop: float = 0.05
     recheck_m: float = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """How a scan fits where it was matched, and what is not as usual about it, in words."""
-
-    match: ScanMatch
-    T_map_base: SE2
-    evidence: Evidence
-    misfits: tuple[str, ...]
-    jump: str | None
 
 
 class Guard:
@@ -149,7 +138,8 @@ class Guard:
             return self._blocked_or_carried(blocked, look, step)
         fit = self._fit(look, match, step)
         if match.is_matched:
-            judged = self._followed(fit, step) if fit.jump is None else self._slipped(fit, step)
+            is_jump = fit.jump is not None
+            judged = self._slipped(fit, step) if is_jump else self._followed(fit, step, look)
             if judged is not None:
                 return judged
         found = self._looked(look)
@@ -174,26 +164,32 @@ class Guard:
         walls = self.relocalizer.segment_map
         return blocked(beams, T_map_base, walls, self.config.laser_faults)
 
-    def _fit(self, look: Look, match: ScanMatch, step: Step) -> _Fit:
+    def _fit(self, look: Look, match: ScanMatch, step: Step) -> Fit:
         limits = self._usual.limits_here(look.beams)
         has_pose = match.is_matched or match.status is MatchStatus.DEGENERATE
         T_now = match.T_map_base if has_pose else step.T_predicted
         evidence = self.relocalizer.at(look.beams, T_now).evidence
         jump = self._jump(match, step) if has_pose else None
-        return _Fit(match, T_now, evidence, self._usual.misfits(evidence, limits), jump)
+        return Fit(match, T_now, evidence, self._usual.misfits(evidence, limits), jump)
 
-    def _followed(self, fit: _Fit, step: Step) -> Judgement | None:
+    def _followed(self, fit: Fit, step: Step, look: Look) -> Judgement | None:
         """A match where the wheels lead; None where it fits too badly to be taken as it is."""
         self._usual.take(fit.evidence)
         slip = self._slip.take(fit.T_map_base, step.told, step.noise)
         if slip:
-            return Judgement(Verdict(Status.UNSURE, (slip, *fit.misfits)), fit.match)
+            reasons = slip, *fit.misfits
+            if self._slip.is_moved(step.told, step.T_last.inverse() @ fit.T_map_base):
+                # by somebody, who may as well have put it where the map looks the same
+                found = self._looked(look)
+                if found.has_other(fit.T_map_base):
+                    return self._lost(found, (_MOVED, *reasons), fit.match, look.time_s)
+            return Judgement(Verdict(Status.UNSURE, reasons), fit.match)
         if fit.misfits and not self._is_checked(fit):
             return None
         self._unexplained = self._beaten = 0
         return Judgement(Verdict(Status.TRACKING, fit.misfits), fit.match)
 
-    def _slipped(self, fit: _Fit, step: Step) -> Judgement | None:
+    def _slipped(self, fit: Fit, step: Step) -> Judgement | None:
         """A match behind where the wheels lead, which fits; None where that is no slip."""
         seen = step.T_last.inverse() @ fit.T_map_base
         slip = "" if fit.misfits else self._slip.of_one_step(step.told, seen)
@@ -201,7 +197,7 @@ class Guard:
             return None
         return Judgement(Verdict(Status.UNSURE, (slip,)), fit.match, is_restart=True)
 
-    def _jumped(self, jump: str, fit: _Fit, found: Hypotheses, look: Look, step: Step) -> Judgement:
+    def _jumped(self, jump: str, fit: Fit, found: Hypotheses, look: Look, step: Step) -> Judgement:
         """A match that no wheel explains: it went astray, or the robot was carried."""
         reasons = jump, *fit.misfits
         match = fit.match if fit.match.is_matched else None
@@ -215,7 +211,7 @@ class Guard:
         # else nothing tells the place matched from the one predicted: neither is believed yet
         return self._lost(found, reasons, match, look.time_s)
 
-    def _misfitting(self, fit: _Fit, found: Hypotheses, look: Look) -> Judgement:
+    def _misfitting(self, fit: Fit, found: Hypotheses, look: Look) -> Judgement:
         """A scan that fits worse than usual where the wheels lead."""
         if found.places and found.beats(fit.T_map_base, look.beams):
             return self._beaten_by(found, fit.misfits, look)
@@ -332,7 +328,7 @@ class Guard:
             doubts.append("beams went through walls")
         return tuple(doubts)
 
-    def _is_checked(self, fit: _Fit) -> bool:
+    def _is_checked(self, fit: Fit) -> bool:
         """Whether a search has lately found that such a scan fits best where the robot is."""
         if self._checked is None:
             return False

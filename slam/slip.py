@@ -66,6 +66,15 @@ class SlipMonitor:
             return ""
         return _in_words(motion, seen)
 
+    def is_moved(self, told: SE2, seen: SE2) -> bool:
+        """Whether the robot moved as no slip of its wheels explains: something moved it.
+
+        told, seen: the motion since the last scan, by the wheels and by the scan.
+        """
+        off = (told.inverse() @ seen).log()
+        is_off = math.hypot(off[0], off[1]) > self.config.off_m or abs(off[2]) > self.config.off_rad
+        return is_off and not self.of_one_step(told, seen)
+
     def of_one_step(self, told: SE2, seen: SE2) -> str:
         """That the robot moved less than its wheels, along the way they told, in words; or nothing.
 

@@ -9,7 +9,7 @@ from slam import SE2
 from slam.relocalization import Relocalizer
 from slam.verdict import Status
 from tests.slam.guarded import START, STILL, Robot, made
-from tests.slam.synthetic import ROOM_SEGMENTS
+from tests.slam.synthetic import ROOM_SEGMENTS, box
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +95,50 @@ def test_ordinary_scan_is_weighed_once(room, monkeypatch):
     weighed = calls_of("at", monkeypatch)
     robot.look(SE2(0.02, 0.0, 0.01))
     assert len(weighed) == 1
+
+
+@pytest.fixture(scope="module")
+def nearly_twin_room():
+    """Looks the same from either end, but for a box on its upper wall."""
+    corners = np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0], [0.0, 4.0], [0.0, 0.0]])
+    walls = np.stack([corners[:-1], corners[1:]], axis=1)
+    return made(np.concatenate([walls, box(2.8, 3.6, 3.2, 3.9)]))
+
+
+OTHER_END = SE2(6.0, 4.0, math.pi)
+
+
+@pytest.mark.parametrize("told", [STILL, SE2(0.02, 0.0, 0.0)])
+def test_put_down_where_the_map_looks_the_same_it_is_lost_until_it_looks_around(
+    told, nearly_twin_room
+):
+    # the other end of the room, so near to where it was as seen from here that no match jumps
+    at = SE2(1.0, 2.1, 3.1)  # the box behind it
+    robot = Robot(nearly_twin_room, at, at=at)
+    for _ in range(3):
+        assert robot.look().verdict.status is Status.TRACKING
+    robot.at = OTHER_END @ robot.at @ SE2(-0.07, 0.04, math.radians(4.0))
+    first = robot.look(told=told)
+    assert first.verdict.status is Status.LOST
+    assert "moved by no wheel" in first.verdict.reasons[0]
+    for _ in range(12):
+        # standing still tells no more: once it was sure of the wrong end after ten scans
+        assert robot.look().verdict.status is Status.UNSURE
+    assert robot.localizer.telling_turn_rad() != 0.0
+    for _ in range(2):
+        turn = SE2(0.0, 0.0, robot.localizer.telling_turn_rad())
+        estimate = robot.look(turn)
+        if estimate.verdict.status is Status.TRACKING:
+            break
+    assert estimate.verdict.status is Status.TRACKING
+    assert robot.is_right(estimate)
+
+
+def test_pushed_aside_where_the_map_looks_like_nothing_else_it_is_unsure_alone(room):
+    robot = Robot(room, START)
+    for _ in range(3):
+        robot.look()
+    estimate = robot.look(SE2(0.04, 0.06, 0.03), told=STILL)
+    assert estimate.verdict.status is Status.UNSURE
+    assert "wheels slip or spin" in estimate.verdict.reasons[0]
+    assert robot.is_right(estimate)
