@@ -19,6 +19,8 @@ _ABSENT = 0.05
 """Chosen: one thing in twenty on the map has been moved since; then the beam sees what is behind."""
 _BESIDE, _SAME_THING_M = 4, 0.15
 _MIN_PRECISION = 1e-3
+_LEAST_SHARE = 0.3
+"""Chosen: of the information of edges, however they disagree."""
 _ROOT_TWO_PI = 2.5066282746310002
 _DAMPING = 0.8
 """Chosen: full steps of expectation propagation may swing between two edges that disagree."""
@@ -88,6 +90,7 @@ def propagate(
     """
     count = axes.shape[0]
     precisions, pulls = np.zeros(count), np.zeros(count)
+    doubts = np.zeros(count)
     total_pull, carried = np.zeros(3), np.zeros(3)
     mean[:] = 0.0
     if not covariance_into(information, covariance):
@@ -119,7 +122,9 @@ def propagate(
             # no narrower than the nodes can tell
             step = shifts[e, 1] - shifts[e, 0]
             tilted = max(tilted, step * step / 3.0)
-            precision = max(1.0 / tilted - cavity_precision, _MIN_PRECISION * cavity_precision)
+            told = 1.0 / tilted - cavity_precision
+            precision = max(told, _MIN_PRECISION * cavity_precision)
+            doubts[e] = precision - told
             pull = tilted_mean * (precision + cavity_precision) - cavity_mean * cavity_precision
             precision_step = _DAMPING * (precision - precisions[e])
             pull_step = _DAMPING * (pull - pulls[e])
@@ -137,10 +142,20 @@ def propagate(
                     + covariance[j, 1] * total_pull[1]
                     + covariance[j, 2] * total_pull[2]
                 )
+    # edges that disagree with all others leave the pose less sure: by one number for all of them, since
+    # with single precisions below zero the rest of the information may be left with none
+    told = agreed = 0.0
+    for e in range(count):
+        variance = axes[e] @ (covariance @ axes[e])
+        agreed += precisions[e] * variance
+        told += (precisions[e] - doubts[e]) * variance
+    if agreed > 0.0:
+        precisions *= min(max(told / agreed, _LEAST_SHARE), 1.0)
     for e in range(count):
         for j in range(3):
             for m in range(3):
                 information[j, m] += precisions[e] * axes[e, j] * axes[e, m]
+    covariance_into(information, covariance)
 
 
 @compiled

@@ -85,6 +85,18 @@ def test_edge_that_nothing_explains_is_left_out():
     np.testing.assert_allclose(covariance @ INFORMATION, np.eye(3), atol=1e-9)
 
 
+@pytest.mark.parametrize(("agreeing", "others"), [(2, 1), (4, 2)])
+def test_edges_that_contradict_the_rest_leave_the_pose_as_unsure_as_it_is(agreeing, others):
+    likelihoods = np.exp(-0.5 * (np.tile(NODES, (agreeing + others, 1)) / 0.8) ** 2) + 1e-3
+    likelihoods[agreeing:] = np.exp(-0.5 * ((NODES - 1.5) / 0.25) ** 2) + 0.2
+    axes = np.tile([0.0, 1.0, 0.0], (agreeing + others, 1))
+    _, covariance = propagated(axes, nodes_along(axes), likelihoods, sweeps=4)
+    posterior = np.exp(-0.5 * NODES**2) * likelihoods.prod(axis=0)
+    mean, square = (np.average(NODES**power, weights=posterior) for power in (1, 2))
+    # contradictions taken for agreement of no weight left 0.80 and 0.59 of the variance
+    assert covariance[1, 1] / 9e-6 == pytest.approx(square - mean**2, rel=0.12)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_ranges_beside_are_those_from_the_shifted_origins(seed):
     rng = np.random.default_rng(seed)
