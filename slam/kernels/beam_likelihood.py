@@ -25,7 +25,7 @@ _MIN_COSINE = 0.02
 """Chosen: a degree; flatter beams give no return on real walls."""
 _ROOT_TWO_PI = 2.5066282746310002
 _NO_OFFSET = 1e-3
-_LEAST_JUMP_M = 0.02
+LEAST_JUMP_M = 0.02
 """A smaller jump than this mixes nothing that noise would not hide."""
 
 
@@ -62,7 +62,7 @@ def mixing_density(predicted: FloatArray, i: int, z: float, margin: float) -> fl
         if 0 <= j < predicted.shape[0] and math.isfinite(predicted[j]):
             jump = abs(predicted[j] - h)
             low, high = min(h, predicted[j]), max(h, predicted[j])
-            if jump > _LEAST_JUMP_M and low - margin < z < high + margin:
+            if jump > LEAST_JUMP_M and low - margin < z < high + margin:
                 density = max(density, 1.0 / jump)
     return density
 

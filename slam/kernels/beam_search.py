@@ -17,6 +17,7 @@ from slam.kernels.beam_likelihood import (
     look,
 )
 from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
+from slam.kernels.mixed_pixels import mixing_shares
 from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
 
@@ -268,7 +269,11 @@ def sharpen(
                 nearest = ranges[e].min()
                 is_due[e] = nearest < distances[e]
                 distances[e] = min(distances[e], nearest)
-    edge_likelihoods(ranges, edges, measured, noise, limits, outliers, predicted, likelihoods)
+    shares = np.empty(2)
+    mixing_shares(predicted, measured, noise, is_kept, outliers[1], shares)
+    edge_likelihoods(
+        ranges, edges, measured, noise, limits, outliers, shares, predicted, likelihoods
+    )
     for e in range(edge_count):
         if is_refuted(edges[e], distances[e], predicted, measured, noise, is_kept):
             likelihoods[e] = 1.0

@@ -13,6 +13,7 @@ import numpy as np
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
 from slam.kernels.beam_likelihood import sigma_at
+from slam.kernels.mixed_pixels import density_beside
 from slam.kernels.normal_equations import covariance_into, inverted
 
 _ABSENT = 0.05
@@ -166,6 +167,7 @@ def edge_likelihoods(
     noise: FloatArray,
     limits: FloatArray,
     outliers: FloatArray,
+    shares: FloatArray,
     predicted: FloatArray,
     likelihoods: FloatArray,
 ) -> None:
@@ -173,30 +175,27 @@ def edge_likelihoods(
 
     The density of the beam model, times the square root of 2 pi; a beam of which nothing can be
     said has the same everywhere. Light that an edge splits gives anything between its two walls,
-    those that the beam or its neighbours (N,) predicted see.
+    that which the beam sees and that of a neighbour (N,) predicted. shares: (2,) of `mixing_shares`.
     """
     for e in range(beams.shape[0]):
         i = beams[e]
         z = measured[i]
-        near, far = np.inf, 0.0
+        far = 0.0
         for k in range(ranges.shape[1]):
             if math.isfinite(ranges[e, k]):
-                near, far = min(near, ranges[e, k]), max(far, ranges[e, k])
-        for j in (i - 1, i + 1):
-            if 0 <= j < predicted.shape[0] and math.isfinite(predicted[j]):
-                near, far = min(near, predicted[j]), max(far, predicted[j])
-        root = outliers[0] * _ROOT_TWO_PI
-        margin = 2.0 * sigma_at(noise, far)
-        if near - margin < z < far + margin:
-            root += outliers[1] * _ROOT_TWO_PI / max(far - near, margin)
-        behind = root
-        if math.isfinite(far) and far > 0.0:
+                far = max(far, ranges[e, k])
+        behind = outliers[0] * _ROOT_TWO_PI
+        if far > 0.0:
             behind += _ABSENT * density(z, far, noise, limits)
+        left = predicted[i + 1] if i + 1 < predicted.shape[0] else np.inf
+        right = predicted[i - 1] if i > 0 else np.inf
         for k in range(ranges.shape[1]):
             h = ranges[e, k]
             likelihoods[e, k] = behind
             if math.isfinite(h):
-                likelihoods[e, k] += (1.0 - _ABSENT) * density(z, h, noise, limits)
+                clean = density(z, h, noise, limits)
+                told = density_beside(z, h, clean, left, right, noise, shares)
+                likelihoods[e, k] += (1.0 - _ABSENT) * told
 
 
 @compiled

@@ -5,7 +5,8 @@ import pytest
 
 from slam.beams import Beams
 from slam.kernels.beam_likelihood import keep_smooth
-from slam.kernels.edges import propagate, ranges_beside
+from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside
+from slam.kernels.mixed_pixels import mixing_shares
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, scan_of
@@ -95,6 +96,42 @@ def test_edges_that_contradict_the_rest_leave_the_pose_as_unsure_as_it_is(agreei
     mean, square = (np.average(NODES**power, weights=posterior) for power in (1, 2))
     # contradictions taken for agreement of no weight left 0.80 and 0.59 of the variance
     assert covariance[1, 1] / 9e-6 == pytest.approx(square - mean**2, rel=0.12)
+
+
+NOISE = np.array([[10.0, 0.02]])
+PLATEAUS_M = np.repeat(np.where(np.arange(40) % 2 == 0, 2.0, 3.0), 10)
+"""400 beams, a jump of a metre every ten."""
+
+
+def shares_of(measured_m: np.ndarray) -> np.ndarray:
+    shares, odds = np.empty(2), 0.25
+    kept = np.ones(len(measured_m), dtype=np.bool_)
+    mixing_shares(PLATEAUS_M, measured_m, NOISE, kept, odds, shares)
+    return shares
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_scan_tells_on_which_side_of_an_edge_light_is_mixed(side):
+    beside = np.arange(9, 390, 10) + side  # the last beam before a jump has the edge to its left
+    measured_m = PLATEAUS_M.copy()
+    measured_m[beside[::3]] = 2.5
+    shares = shares_of(measured_m)
+    # 13 of 39 edges, of which margins of three sigmas hide an eighth, and three of which a fifth
+    assert shares[side] == pytest.approx((13 + 0.6) / (39 * 0.88 + 3), rel=1e-6)
+    assert shares[1 - side] == pytest.approx(0.6 / (39 * 0.88 + 3), rel=1e-6)
+
+
+def test_beam_that_measures_its_wall_says_that_it_is_on_the_side_where_none_is_mixed():
+    # beam 9 sees 2 m, or from the other side of the edge 3 m: no light is mixed there
+    ranges_m = np.array([[2.0, 3.0]])
+    likelihoods = np.empty((1, 2))
+    edge_likelihoods(
+        ranges_m, np.array([9]), np.where(np.arange(400) == 9, 2.4, PLATEAUS_M), NOISE,
+        np.array([0.0, 10.0]), np.array([1e-3, 0.25]), np.array([0.3, 0.01]), PLATEAUS_M,
+        likelihoods,
+    )  # fmt: skip
+    # mixed, it has the edge to its left, where thirty times as many are: but for the outliers' floor
+    assert likelihoods[0, 0] / likelihoods[0, 1] > 20.0
 
 
 @pytest.mark.parametrize("seed", range(4))
