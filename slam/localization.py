@@ -44,7 +44,8 @@ class LocalizerConfig:
     normalised innovation squared beyond which match and prediction contradict each other: a match
     that explains the scan is then believed alone. chosen: 30 is exceeded by chance once in a
     million. slip_nis: beyond it the prediction's variance is made to fit, since wheels do slip.
-    match_scales: by how much the innovations seen may narrow and widen the matches' covariances.
+    max_match_scale: by how much the innovations seen may widen the matches' covariances. They never
+    narrow them: small innovations may mean just as well that the wheels err less than assumed.
     """
 
     deskew: bool = True
@@ -56,7 +57,7 @@ class LocalizerConfig:
     start_sigma_rad: float = 0.1
     max_nis: float = 30.0
     slip_nis: float = 12.0
-    match_scales: tuple[float, float] = (0.5, 10.0)
+    max_match_scale: float = 10.0
     wheels: WheelPrior = field(default_factory=WheelPrior)
 
     def __post_init__(self) -> None:
@@ -65,9 +66,8 @@ class LocalizerConfig:
             raise ValueError(f"start_sigma_m and start_sigma_rad must be above 0, not {starts}")
         if not 0.0 < self.slip_nis <= self.max_nis:
             raise ValueError(f"0 < slip_nis <= max_nis, not {self.slip_nis} and {self.max_nis}")
-        low, high = self.match_scales
-        if not 0.0 < low <= 1.0 <= high < math.inf:
-            raise ValueError(f"match_scales must lie about 1, not {self.match_scales}")
+        if not 1.0 <= self.max_match_scale < math.inf:
+            raise ValueError(f"max_match_scale must be 1 or more, not {self.max_match_scale}")
         if not self.range_max_m > 0.0:
             raise ValueError(f"range_max_m must be above 0, not {self.range_max_m}")
         bounds = (self.sweep_s, *self.fastest)
@@ -274,6 +274,5 @@ class Localizer:
         """Innovations tell how wide the matches' covariances truly are (Mehra, 1972)."""
         self._fused += 1
         share = 1.0 / min(self._fused + 20.0, 100.0)
-        low, high = self.config.match_scales
         scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
-        self._match_scale = min(max(scale, low), high)
+        self._match_scale = min(max(scale, 1.0), self.config.max_match_scale)
