@@ -15,7 +15,7 @@ import numpy as np
 
 from experiments.bounds import scan_bound
 from experiments.localization import in_view, make_localizers, start_error, update_all
-from experiments.sources import MeasurementSource
+from experiments.sources import FLOOR_NOISE, MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult, bound_record
 from kitasap_sim.drive import Driver, Pilot
 from kitasap_sim.places import Place
@@ -54,7 +54,8 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrackingResult:
     start, side = _start(config, simulation.world, pose_rng)
     simulation.reset(start)
     believed = start + start_error(config, pose_rng)
-    source = MeasurementSource(known.laser, simulation.wheel_ticks())
+    noise = FLOOR_NOISE[config.odometry]
+    source = MeasurementSource(known.laser, simulation.wheel_ticks(), noise)
     localizers = make_localizers(config, believed, is_tracking=True, may_be_lost=True)
     drive = _Drive(config, simulation)
     for frame in _driven(config, simulation, side, pose_rng):

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from experiments.sources import DRIVE, FLOOR_NOISE
 from experiments.tracking import NAME, checked, run_trial
 from experiments.trials import TrialConfig, generator
+from kitasap_sim.robot import ODOMETRY_PRESETS
 
 METHODS = ("odometry", "fast", "limit")
 
@@ -122,3 +124,13 @@ def test_circle_that_fits_nowhere_is_refused_before_the_first_trial(config):
 def test_drive_that_cannot_be_is_refused(config, wrong):
     with pytest.raises(ValueError, match="a track needs"):
         checked(replace(config, **wrong))
+
+
+def test_each_floor_has_wheels_assumed_for_it_and_rough_ones_err_more():
+    assert FLOOR_NOISE.keys() == ODOMETRY_PRESETS.keys()
+    ticks = np.array([7000, 9000])
+    smooth, rough = (
+        FLOOR_NOISE[name].covariance(DRIVE, ticks) for name in ("as_built", "rough_floor")
+    )
+    # two to four times as wide, and more: bumps of 1.5 mm
+    assert (np.diag(rough) > 4.0 * np.diag(smooth)).all()
