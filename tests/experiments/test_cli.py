@@ -18,7 +18,10 @@ WALL_BELOW_THE_START = """
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ("mapping", "no experiment called 'mapping'; there are: localization, kidnap, tracking"),
+        (
+            "flying",
+            "no experiment called 'flying'; there are: localization, kidnap, tracking, mapping",
+        ),
         (
             "kidnap --place moon",
             "no place called 'moon', nor a file; "
@@ -53,8 +56,8 @@ def test_unknown_name_or_number_is_refused_with_what_exists(options, said, capsy
 
 
 def test_every_experiment_is_checked_before_the_first_one_runs(capsys, tmp_path):
-    line = refusal(capsys, "run", "localization", "mapping", "--out", tmp_path / "out")
-    assert line.startswith("no experiment called 'mapping'")
+    line = refusal(capsys, "run", "localization", "flying", "--out", tmp_path / "out")
+    assert line.startswith("no experiment called 'flying'")
     assert not (tmp_path / "out").exists()
 
 
