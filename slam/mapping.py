@@ -167,10 +167,13 @@ class Mapper:
                 else:
                     kept, rejected = [], []
         keyframes, poses = self._keyframes.copy(), self._graph.poses
-        if self._is_joined:
-            poses = jointly_adjusted(
-                keyframes, kept, poses, self.config.adjustment, self.config.front_end.surfaces
-            )
+        # what was not joined is set against nothing
+        count = len(keyframes) if self._is_joined else self._first
+        adjusted = jointly_adjusted(
+            keyframes[:count], [loop for loop in kept if loop.later < count], poses[:count],
+            self.config.adjustment, self.config.front_end.surfaces,
+        )  # fmt: skip
+        poses = np.concatenate([adjusted, poses[count:]])
         if 0 < self._first < len(keyframes):
             if not self._is_joined and self._is_start_unknown:
                 poses = _set_aside(keyframes, poses, self._first)

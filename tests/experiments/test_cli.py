@@ -108,7 +108,7 @@ def test_folder_that_cannot_be_written_is_named(tmp_path, box_room, capsys):
 
 def test_one_trial_refuses_what_a_run_refuses(capsys):
     assert refusal(capsys, "trial", "fly") == (
-        "no experiment called 'fly'; there are: localization, kidnap, tracking"
+        "no experiment called 'fly'; there are: localization, kidnap, tracking, mapping"
     )
     assert refusal(capsys, "trial", "kidnap", "--index", "-1").startswith("Invalid value for '--i")
 
