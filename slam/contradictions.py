@@ -8,10 +8,15 @@ from slam.se2 import SE2
 
 
 def passed(
-    one: Keyframe, other: Keyframe, T_other_one: SE2, margins: tuple[float, float]
+    one: Keyframe,
+    other: Keyframe,
+    T_other_one: SE2,
+    margins: tuple[float, float],
+    aside_m: float = 0.0,
 ) -> tuple[int, int]:
     """Of both scans' points, to and fro: how many are in the other's view, and how many of these
-    its beams went through: ended farther by margins, in metres and as a share of the distance."""
+    its beams went through: ended farther by margins, in metres and as a share of the distance, and
+    none went by nearer than aside_m and did not."""
     seen = through = 0
     for points, beams, pose in (
         (one.points, other.beams, T_other_one),
@@ -19,7 +24,7 @@ def passed(
     ):
         counts = contradictions(
             points, pose.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m,
-            *margins,
+            *margins, aside_m,
         )  # fmt: skip
         seen, through = seen + counts[0], through + counts[1]
     return seen, through

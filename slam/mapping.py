@@ -12,7 +12,7 @@ from slam.arrays import FloatArray
 from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
 from slam.joint_adjustment import AdjustmentConfig, jointly_adjusted
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
-from slam.map_consistency import ConsistencyConfig, do_contradict, judged
+from slam.map_consistency import ConsistencyConfig, acquitted, do_contradict, judged
 from slam.measurements import Measurement
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
@@ -138,20 +138,26 @@ class Mapper:
     def finish(self) -> SlamMap:
         """All loops once more from where the poses are now, and all poses adjusted to the end.
 
-        Where the map then does not hold together, loops may be missing: each keyframe is asked, and
-        less complete matches will do. What comes of it is kept if the map holds together better.
+        Where it is doubtful whether the map holds together, loops may be missing: each keyframe is
+        asked, and less complete matches will do. What comes of it is kept if the map holds together
+        better; a map that had failed is not acquitted by such loops alone.
         """
         config = self.config
         slam_map = again = self._finished(self._closer, config.loops.every)
-        if slam_map.verdict.is_good or not self._loops or not self._is_joined:
+        first = slam_map.verdict
+        is_sound = first.is_good and first.bad_pairs <= config.consistency.doubtful_pairs
+        if is_sound or not self._loops or not self._is_joined:
             return slam_map
         before = list(self._loops), self._graph.poses.copy()
         loops = replace(config.loops, least_inlier_ratio=config.patient_inlier_ratio)
         closer = LoopCloser(loops, config.front_end.surfaces)
         for _ in range(config.patient_rounds):
             again = self._finished(closer, 1)
-        if again.verdict.doubt < slam_map.verdict.doubt:
-            return again
+        if again.verdict.doubt < first.doubt:
+            if first.is_good:
+                return again
+            told = again.keyframes, again.loops, again.rejected
+            return replace(again, verdict=acquitted(again.verdict, *told, config.consistency))
         self._set_loops(*before)
         return slam_map
 

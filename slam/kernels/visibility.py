@@ -25,12 +25,14 @@ def contradictions(
     ranges: FloatArray,
     margin_m: float,
     margin_share: float,
+    aside_m: float,
 ) -> tuple[int, int]:
     """Of points (N, 2) with their frame at a pose (3,), seen from an origin (2,): how many lie
     within the fan of a scan, and how many where its beams went through.
 
     angles: (B,) increasing, ranges: (B,) of the scan's beams, +inf where nothing was met: that says
-    nothing. A point is passed if the beams to either side of it also end farther by the margin.
+    nothing. A point is passed if the beams to either side of it also end farther by the margin, and
+    so do those that go by within aside_m: along a wall, a beam misses a point by a hair.
     """
     seen = passed = 0
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -59,6 +61,17 @@ def contradictions(
         if not math.isfinite(nearest):
             continue
         seen += 1
+        aside = math.asin(min(aside_m / max(distance, aside_m), 1.0))
+        k = low - 2
+        while k >= 0 and bearing - angles[k] < aside:
+            if ranges[k] > 0.0:
+                nearest = min(nearest, ranges[k])
+            k -= 1
+        k = low + 3
+        while k < count and angles[k] - bearing < aside:
+            if ranges[k] > 0.0:
+                nearest = min(nearest, ranges[k])
+            k += 1
         margin = margin_m + margin_share * distance
         passed += distance < nearest - margin
     return seen, passed

@@ -147,8 +147,9 @@ def test_rover_is_mapped_by_the_wheels_that_its_drive_shows(tmp_path):
     # walls as the wheels alone put them: 111 mm about themselves, and 81 to 91
     spread_m = wheels["spread_by_wheels_m"]
     assert spread_m["after"] < 0.9 * spread_m["before"]
-    # which of the two maps is sharper hangs on a few loops: 80 to 110 mm, and 90
-    assert wheels["spread_of_map_m"].keys() == {"before", "after"}
+    # the wheels assumed leave the first lap open
+    assert wheels["used"] == "calibrated"
+    assert wheels["spread_of_map_m"]["after"] < wheels["spread_of_map_m"]["before"]
     # the two wheels are alike, and a turn of them turns the robot by 9 to 12 % more than assumed
     left, right = wheels["calibrated"]["wheel_radius_m"]
     assert left == pytest.approx(right, rel=0.01)
