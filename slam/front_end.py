@@ -17,6 +17,7 @@ from slam.odometry import compose_covariance
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
+from slam.views import Glance, Glances
 
 
 class StepStatus(enum.Enum):
@@ -68,7 +69,8 @@ class Keyframe:
     T_map_base: where the front end placed it. T_before: its pose as seen from the keyframe before
     (identity for the first), covariance: (3, 3) of that. points: (N, 2) [m], base frame; beams: the
     scan itself. is_break: the scans broke off before it. session: in which it was taken, from 0;
-    T_map_base is in the frame of that session, which its first scan is the origin of.
+    T_map_base is in the frame of that session, which its first scan is the origin of. glances: some
+    of the scans between it and the next.
     """
 
     time_s: float
@@ -79,6 +81,7 @@ class Keyframe:
     beams: Beams
     is_break: bool
     session: int = 0
+    glances: tuple[Glance, ...] = ()
 
     @cached_property
     def faced(self) -> FloatArray:
@@ -107,6 +110,7 @@ class FrontEnd:
     def __init__(self, T_base_laser: SE2, config: FrontEndConfig | None = None) -> None:
         self.config = config or FrontEndConfig()
         self.keyframes: list[Keyframe] = []
+        self.glances: list[Glances] = []
         self.T_map_base = SE2.identity()
         self._surfaces = SurfaceMap(self.config.surfaces)
         self._window: deque[FloatArray] = deque()
@@ -135,9 +139,12 @@ class FrontEnd:
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
+        T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
+        if match is not None and not is_new:
+            self.glances[-1].take(T_keyframe_base, beams)
         return FrontEndStep(
-            measurement.time_s, len(self.keyframes) - 1,
-            T_keyframe.inverse() @ self.T_map_base, self.T_map_base, status, inlier_ratio, is_new,
+            measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
+            inlier_ratio, is_new,
         )  # fmt: skip
 
     def _beams(self, measurement: Measurement) -> Beams:
@@ -223,6 +230,7 @@ class FrontEnd:
                 is_break,
             )
         )
+        self.glances.append(Glances())
         self._P = np.zeros((3, 3))
         if is_break:
             while self._window:

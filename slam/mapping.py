@@ -192,6 +192,8 @@ class Mapper:
             said = f"session {self._session + 1} has no scan that tells anything"
             verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
+        for k, glances in enumerate(self._front_end.glances, start=self._first):
+            keyframes[k] = replace(keyframes[k], glances=glances.kept)
         return SlamMap(
             tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(self._steps),
             verdict,

@@ -89,7 +89,7 @@ class SlamMap:
 
     @cached_property
     def surfaces(self) -> Surfaces:
-        """What the keyframes saw, averaged; who walked by, and doors since opened, left out."""
+        """What the keyframes saw, averaged; who walked by or stood, and doors since opened, left out."""
         return surfaces_seen(self.keyframes, self.poses)
 
     @property
@@ -110,11 +110,12 @@ class SlamMap:
 
 def surfaces_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> Surfaces:
     """The surfaces that keyframes at poses (K, 3) saw."""
+    posed = [
+        (SE2.from_array(pose), keyframe) for keyframe, pose in zip(keyframes, poses, strict=True)
+    ]
     return surfaces_of(
-        [
-            (SE2.from_array(pose), keyframe.faced, keyframe.beams)
-            for keyframe, pose in zip(keyframes, poses, strict=True)
-        ]
+        [(T, keyframe.faced, keyframe.beams) for T, keyframe in posed],
+        [glance.view(T) for T, keyframe in posed for glance in keyframe.glances],
     )
 
 

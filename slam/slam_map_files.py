@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,22 @@ from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
+from slam.views import Glance
 from slam.whole_files import write_whole
 
-VERSION = 2
-"""Of version 1 a map had one session, and did not say so."""
+VERSION = 3
+"""Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""
 _STATUSES = tuple(StepStatus)
+_GLANCES = (
+    "glance_ways",
+    "glance_origins_m",
+    "glance_beam_counts",
+    "glance_angles_rad",
+    "glance_ranges_m",
+)
 _Arrays = dict[str, np.ndarray]
 
 
@@ -74,6 +83,9 @@ def read_slam_map(path: str | Path) -> SlamMap:
     if int(arrays["version"]) == 1:
         for name in ("keyframe", "step"):
             arrays[f"{name}_sessions"] = np.zeros(len(arrays[f"{name}_times_s"]), np.int64)
+    if int(arrays["version"]) < 3:
+        arrays["glance_counts"] = np.zeros(len(arrays["keyframe_times_s"]), np.int64)
+        arrays |= dict.fromkeys(_GLANCES, np.zeros(0, np.int64))
     try:
         return _map_of(arrays)
     except (KeyError, IndexError, ValueError) as error:
@@ -83,6 +95,7 @@ def read_slam_map(path: str | Path) -> SlamMap:
 def _arrays_of(slam_map: SlamMap) -> _Arrays:
     keyframes, steps, verdict = slam_map.keyframes, slam_map.steps, slam_map.verdict
     loops = (*slam_map.loops, *slam_map.rejected)
+    glances = [glance for one in keyframes for glance in one.glances]
     return {
         "kind": np.array(_KIND),
         "version": np.array(VERSION),
@@ -99,6 +112,12 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "beam_origins_m": _joined([one.beams.origins_m for one in keyframes], (0, 2)),
         "beam_angles_rad": _joined([one.beams.angles_rad for one in keyframes], (0,)),
         "beam_ranges_m": _joined([one.beams.ranges_m for one in keyframes], (0,)),
+        "glance_counts": np.array([len(one.glances) for one in keyframes], dtype=np.int64),
+        "glance_ways": _poses([one.T_keyframe_base for one in glances]),
+        "glance_origins_m": _stacked([one.origin_m for one in glances], (0, 2)),
+        "glance_beam_counts": np.array([len(one.angles_rad) for one in glances], dtype=np.int64),
+        "glance_angles_rad": _joined([one.angles_rad for one in glances], (0,)),
+        "glance_ranges_m": _joined([one.ranges_m for one in glances], (0,)),
         "loop_ends": np.array([(o.earlier, o.later) for o in loops], np.int64).reshape(-1, 2),
         "loop_ways": _poses([one.T_earlier_later for one in loops]),
         "loop_information": _stacked([one.information for one in loops], (0, 3, 3)),
@@ -134,12 +153,12 @@ def _map_of(arrays: _Arrays) -> SlamMap:
     keyframes = tuple(
         Keyframe(
             float(time_s), SE2.from_array(pose), SE2.from_array(way), covariance, cloud, fan,
-            bool(is_break), int(session),
+            bool(is_break), int(session), glances,
         )
-        for time_s, pose, way, covariance, cloud, fan, is_break, session in zip(
+        for time_s, pose, way, covariance, cloud, fan, is_break, session, glances in zip(
             arrays["keyframe_times_s"], arrays["keyframe_poses"], arrays["keyframe_ways"],
             arrays["keyframe_covariances"], points, beams, arrays["keyframe_is_break"],
-            arrays["keyframe_sessions"], strict=True,
+            arrays["keyframe_sessions"], _glances_of(arrays), strict=True,
         )
     )  # fmt: skip
     loops = tuple(
@@ -172,6 +191,22 @@ def _map_of(arrays: _Arrays) -> SlamMap:
     return SlamMap(keyframes, poses, loops[:kept], loops[kept:], graph, steps, verdict)
 
 
+def _glances_of(arrays: _Arrays) -> list[tuple[Glance, ...]]:
+    """Of each keyframe."""
+    ways, origins_m, counts, *_ = (arrays[name] for name in _GLANCES)
+    angles_rad, ranges_m = (
+        _split(np.asarray(arrays[name], dtype=np.float32), counts) for name in _GLANCES[3:]
+    )
+    glances = [
+        Glance(SE2.from_array(way), origin_m, angles, ranges)
+        for way, origin_m, angles, ranges in zip(ways, origins_m, angles_rad, ranges_m, strict=True)
+    ]
+    ends = np.cumsum(arrays["glance_counts"]).tolist()
+    if (ends or [0])[-1] != len(glances):
+        raise ValueError(f"{len(glances)} glances for {ends[-1:]} told")
+    return [tuple(glances[first:last]) for first, last in zip([0, *ends], ends, strict=False)]
+
+
 def _poses(poses: list[SE2]) -> FloatArray:
     return np.array([pose.as_array() for pose in poses], dtype=np.float64).reshape(-1, 3)
 
@@ -180,7 +215,7 @@ def _stacked(arrays: list[FloatArray], empty: tuple[int, ...]) -> FloatArray:
     return np.stack(arrays) if arrays else np.zeros(empty)
 
 
-def _joined(arrays: list[FloatArray], empty: tuple[int, ...]) -> FloatArray:
+def _joined(arrays: Sequence[np.ndarray], empty: tuple[int, ...]) -> np.ndarray:
     return np.concatenate(arrays) if arrays else np.zeros(empty)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,48 +9,19 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.beams import Beams
-from slam.kernels.surface_map import SIDES
 from slam.kernels.visibility import looks_into
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.surface_cells import SurfaceCells, SurfacesConfig
+from slam.views import View
 
-_ENDS = math.sqrt(3.0)
-"""Standard deviations from the middle to the ends of points that are spread evenly."""
-_LEAST_COSINE = math.cos(math.radians(50.0))
-"""Chosen: of the angle between a piece and the side that its points are on, which are 45 degrees off
-at most."""
-_SAME_M = 0.03
-"""Chosen: two pieces of a cell that lie no farther apart, and face nearly the same way, are one."""
-_OVERLAP = 1.1
-"""Pieces are this much longer than their cells, so that no beam slips between two."""
-
-
-@dataclass(frozen=True)
-class SurfacesConfig:
-    """How `surfaces_of` averages.
-
-    cell_m: side of the cells; a piece is fitted to the points of its cell and of those around it,
-    and cut to the cell. near_m: a point measured from so far weighs half of one near by.
-    prior_m, prior_points: how rough a piece is before its points say so, and as many points as that
-    counts. most_sigma_m: to which a piece must be known, across itself, by its points' roughness and
-    number. least_own: share of its weight that lies in the cell itself.
-    least_looks: share of the scans that looked at a piece, which must have met it. beside_m,
-    beside_share: by which a beam must end elsewhere, and as a share of its length. coarsest_m: beams
-    farther apart than this may pass thin things by. min_sigma_m: least standard deviation across a
-    piece. Chosen, all of these, on ten simulated drives through two rooms and a corridor.
-    """
-
-    cell_m: float = 0.05
-    near_m: float = 1.0
-    prior_m: float = 0.03
-    prior_points: float = 2.0
-    most_sigma_m: float = 0.01
-    least_own: float = 0.12
-    least_looks: float = 0.9
-    beside_m: float = 0.08
-    beside_share: float = 0.02
-    coarsest_m: float = 0.05
-    min_sigma_m: float = 0.005
+_SURE = 0.9
+"""Chosen: of the farthest return of all: beyond, a laser hardly tells that nothing is there."""
+_MOST_SILENT = 0.25
+"""Chosen: of the surfaces that would go by silence alone. Simulated people make it 0.02 to 0.03, two
+offices 0.02; a laser 44 % of whose beams return, 0.6."""
+_FEWEST = 4
+"""Beams that a view needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,168 +70,51 @@ class Surfaces:
 
 
 def surfaces_of(
-    scans: Sequence[tuple[SE2, FloatArray, Beams]], config: SurfacesConfig | None = None
+    scans: Sequence[tuple[SE2, FloatArray, Beams]],
+    glances: Sequence[View] = (),
+    config: SurfacesConfig | None = None,
 ) -> Surfaces:
     """The surfaces that scans saw: T_map_base, faced points (N, 3) and beams of each.
 
-    What others looked through, people and doors that stood open later, is left out.
+    What others looked through, people and doors that stood open later, is left out; glances are
+    asked for that as well. Somebody who stands while the robot drives by is met by each keyframe
+    that looks there, but the scans between two of them saw him come or go.
     """
     config = config or SurfacesConfig()
-    points = [_weighed(T, faced, beams, config) for T, faced, beams in scans]
-    cells = _Cells.of(np.concatenate([np.zeros((0, 4)), *points]), config)
-    surfaces = cells.pieces(config)
-    if len(surfaces) == 0:
-        return surfaces
-    looks = _looks(surfaces, scans, config)
-    surfaces = Surfaces(surfaces.segments, surfaces.sigma_m, looks[0], looks[1])
-    return surfaces.taken(looks[0] >= config.least_looks * (looks[0] + looks[1]))
-
-
-def _weighed(T: SE2, faced: FloatArray, beams: Beams, config: SurfacesConfig) -> FloatArray:
-    """(N, 4) of faced points, those that face nowhere left out: map frame, and the weight."""
-    faced = faced[np.isfinite(faced[:, 2])]
-    off_m2 = np.sum((faced[:, :2] - beams.middle_m) ** 2, axis=1)
-    weights = 1.0 / (1.0 + off_m2 / config.near_m**2)
-    return np.column_stack([T @ faced[:, :2], faced[:, 2] + T.theta, weights])
-
-
-@dataclass(frozen=True, eq=False)
-class _Cells:
-    """What lies in the cells of a grid, for each of the sides that surfaces face.
-
-    keys: (C,) sorted; at: (C, 3) column, row, side; sums: (C, 7) weight, x, y, xx, xy, yy [m] from
-    the middle of all, and the weights' squares.
-    """
-
-    keys: IntArray
-    at: IntArray
-    sums: FloatArray
-    origin_m: FloatArray
-
-    @staticmethod
-    def of(points: FloatArray, config: SurfacesConfig) -> _Cells:
-        """Of points (N, 4), each in the two sides nearest to where its surface faces."""
-        origin_m = points[:, :2].mean(axis=0) if len(points) else np.zeros(2)
-        low = np.floor(points[:, 2] * (SIDES / (2.0 * np.pi))).astype(np.int64)
-        cells = np.floor((points[:, :2] - origin_m) / config.cell_m).astype(np.int64)
-        at = np.concatenate(
-            [np.column_stack([cells, (low + up) % SIDES]) for up in range(2)]
-        ).astype(np.int64)
-        keys, first, where = np.unique(_keys(at), return_index=True, return_inverse=True)
-        x, y = (points[:, :2] - origin_m).T
-        terms = (
-            np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y, points[:, 3]])
-            * points[:, 3:4]
-        )
-        terms = np.concatenate([terms, terms])
-        sums = np.column_stack([np.bincount(where, term, len(keys)) for term in terms.T])
-        return _Cells(keys, at[first], np.asarray(sums.reshape(-1, 7), dtype=np.float64), origin_m)
-
-    def _beside(self, steps: IntArray) -> IntArray:
-        """(C,) the number of the cell that lies steps (C, 3) or (3,) away, -1 where there is none."""
-        at = self.at + steps
-        at[:, 2] %= SIDES
-        wanted = _keys(at)
-        found = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
-        return np.where(self.keys[found] == wanted, found, -1)
-
-    def pieces(self, config: SurfacesConfig) -> Surfaces:
-        """A piece for each cell that a line through its points, and those around, runs through."""
-        nothing = np.zeros(0, dtype=np.int64)
-        if len(self.keys) == 0:
-            return Surfaces(np.zeros((0, 2, 2)), np.zeros(0), nothing, nothing)
-        sums = np.zeros(self.sums.shape)
-        for column in (-1, 0, 1):
-            for row in (-1, 0, 1):
-                other = self._beside(np.array([column, row, 0]))
-                sums += np.where(other[:, np.newaxis] >= 0, self.sums[other], 0.0)
-        weight = sums[:, 0]
-        mean = np.asarray(sums[:, 1:3] / weight[:, np.newaxis], dtype=np.float64)
-        cxx, cxy, cyy = (
-            sums[:, 3] / weight - mean[:, 0] ** 2,
-            sums[:, 4] / weight - mean[:, 0] * mean[:, 1],
-            sums[:, 5] / weight - mean[:, 1] ** 2,
-        )
-        half = 0.5 * (cxx + cyy)
-        angle = 0.5 * np.arctan2(2.0 * cxy, cxx - cyy)
-        along = np.asarray(np.column_stack([np.cos(angle), np.sin(angle)]), dtype=np.float64)
-        # seen from the left
-        facing = self.at[:, 2] * (2.0 * np.pi / SIDES)
-        across = np.column_stack([np.sin(facing), -np.cos(facing)])
-        same = np.sum(along * across, axis=1)
-        along *= np.where(same < 0.0, -1.0, 1.0)[:, np.newaxis]
-        # of a leg, and behind an edge, noise makes a line that runs away from the laser
-        is_along_sight = np.abs(same) < _LEAST_COSINE
-        along[is_along_sight] = across[is_along_sight]
-        x, y = along.T
-        wide_m2 = cxx * x * x + 2.0 * cxy * x * y + cyy * y * y
-        rough_m = np.sqrt(np.maximum(2.0 * half - wide_m2, 0.0))
-        middle = np.asarray((self.at[:, :2] + 0.5) * config.cell_m, dtype=np.float64)
-        span_m: FloatArray = _ENDS * np.sqrt(np.maximum(wide_m2, 0.0))
-        ends, is_cut = _cut(mean, along, middle, config.cell_m, span_m)
-        count = weight**2 / sums[:, 6]
-        prior_m2 = config.prior_points * config.prior_m**2
-        variance_m2 = (count * rough_m**2 + prior_m2) / (count + config.prior_points) / count
-        is_one = (
-            is_cut
-            & (variance_m2 <= config.most_sigma_m**2)
-            & (self.sums[:, 0] > config.least_own * weight)
-        )
-        is_one &= ~self._is_said_twice(is_one, weight, along, mean)
-        sigma_m = np.maximum(rough_m[is_one], config.min_sigma_m)
-        unseen = np.zeros(int(is_one.sum()), dtype=np.int64)
-        return Surfaces(ends[is_one] + self.origin_m, sigma_m, unseen, unseen)
-
-    def _is_said_twice(
-        self, is_one: BoolArray, weight: FloatArray, along: FloatArray, mean: FloatArray
-    ) -> BoolArray:
-        """(C,) whether the next side to either hand has the same piece, of more weight."""
-        twice = np.zeros(len(is_one), dtype=np.bool_)
-        for step in (-1, 1):
-            other = self._beside(np.array([0, 0, step]))
-            turned = np.sum(along * along[other], axis=1) < np.cos(np.pi / 4)
-            normal = np.column_stack([-along[:, 1], along[:, 0]])
-            off_m = np.abs(np.sum((mean[other] - mean) * normal, axis=1))
-            heavier = (weight[other] > weight) | ((weight[other] == weight) & (step > 0))
-            twice |= (other >= 0) & is_one[other] & heavier & ~turned & (off_m < _SAME_M)
-        return twice
-
-
-def _keys(at: IntArray) -> IntArray:
-    """(C,) one number for each column, row and side (C, 3)."""
-    return np.asarray(((at[:, 0] + 2**24) * 2**26 + at[:, 1] + 2**24) * SIDES + at[:, 2])
-
-
-def _cut(
-    point: FloatArray, along: FloatArray, middle: FloatArray, side_m: float, span_m: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """(C, 2, 2) the parts of lines within squares, a little longer than that; (C,) if there is one."""
-    half = 0.5 * side_m * _OVERLAP
-    with np.errstate(divide="ignore", invalid="ignore"):
-        one, other = (middle - half - point) / along, (middle + half - point) / along
-    low = np.nanmax(np.minimum(one, other), axis=1)
-    high = np.nanmin(np.maximum(one, other), axis=1)
-    low, high = np.maximum(low, -span_m), np.minimum(high, span_m)
-    is_cut = high > low + 0.2 * half
-    low, high = np.where(is_cut, low, 0.0), np.where(is_cut, high, 0.0)
-    ends = np.stack([point + low[:, None] * along, point + high[:, None] * along], axis=1)
-    return ends, is_cut
+    segments, sigma_m = SurfaceCells.of(scans, config).pieces(config)
+    views = [View.of(T, beams) for T, _, beams in scans]
+    met, passed, silent = _looks(segments, [*views, *glances], config)
+    surfaces = Surfaces(segments, sigma_m, met, passed)
+    stays = met >= config.least_looks * (met + passed)
+    is_silent = stays & (met < config.least_looks * (met + passed + silent))
+    # a laser that comes back from nowhere everywhere does not tell where nothing is
+    if np.count_nonzero(is_silent) <= _MOST_SILENT * np.count_nonzero(stays):
+        stays &= ~is_silent
+    return surfaces.taken(stays)
 
 
 def _looks(
-    surfaces: Surfaces, scans: Sequence[tuple[SE2, FloatArray, Beams]], config: SurfacesConfig
-) -> tuple[IntArray, IntArray]:
-    """(S,) how many scans met each piece, and (S,) how many went through it."""
-    met, passed = (np.zeros(len(surfaces), dtype=np.int64) for _ in range(2))
-    middles = surfaces.segments.mean(axis=1)
-    along = surfaces.segments[:, 1] - surfaces.segments[:, 0]
+    segments: FloatArray, views: Sequence[View], config: SurfacesConfig
+) -> tuple[IntArray, IntArray, IntArray]:
+    """(S,) how many views met each of segments (S, 2, 2), how many went through it, and how many
+    came back from nowhere instead."""
+    views = [view for view in views if len(view.angles_rad) >= _FEWEST]
+    met, passed, silent = (np.zeros(len(segments), dtype=np.int64) for _ in range(3))
+    if len(segments) == 0 or not views:
+        return met, passed, silent
+    middles = segments.mean(axis=1)
+    along = segments[:, 1] - segments[:, 0]
     normals = np.column_stack([-along[:, 1], along[:, 0]])
     normals /= np.hypot(*normals.T)[:, np.newaxis]
-    for T, _, beams in scans:
-        if len(beams) < 4:
-            continue
-        looks_into(
-            middles, normals, T.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m,
-            config.beside_m, config.beside_share, config.coarsest_m, met, passed,
-        )  # fmt: skip
-    return met, passed
+    finite_m = [view.ranges_m[np.isfinite(view.ranges_m)].max(initial=0.0) for view in views]
+    hardest = np.column_stack([np.zeros(len(segments)), np.ones(len(segments))])
+    # once to see from how far off surfaces return beams, and once to count
+    for _ in range(2):
+        met[:], passed[:], silent[:] = 0, 0, 0
+        for view in views:
+            looks_into(
+                middles, normals, view.T_map_base.as_array(), view.origin_m, view.angles_rad,
+                view.ranges_m, config.beside_m, config.beside_share, config.coarsest_m,
+                _SURE * max(finite_m), hardest, met, passed, silent,
+            )  # fmt: skip
+    return met, passed, silent

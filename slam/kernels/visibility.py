@@ -11,9 +11,8 @@ _ALONG = 0.2
 """Sine of the angle to a surface: beams along it pass beside it."""
 _ASIDE_M = 0.04
 """Chosen: beams that pass by so near may have missed a thin leg that stands a little aside."""
-_STRAIGHT, _SURE = 0.8, 0.8
-"""Chosen: of the sine, and of the farthest return of the scan: glass and black cloth return what
-meets them so, and nothing else."""
+_STRAIGHT = 0.8
+"""Chosen: of the sine: glass and black cloth return what meets them so straight, and nothing else."""
 
 
 @compiled
@@ -88,24 +87,25 @@ def looks_into(
     margin_m: float,
     margin_share: float,
     coarsest_m: float,
+    reach_m: float,
+    hardest: FloatArray,
     met: IntArray,
     passed: IntArray,
+    silent: IntArray,
 ) -> None:
-    """Adds to met and passed (N,) what a scan says of points (N, 2) of surfaces facing normals (N, 2).
+    """Adds to met, passed and silent (N,) what a scan says of points (N, 2) of surfaces facing normals (N, 2).
 
     The scan's frame is at a pose (3,) in theirs, its beams start at an origin (2,) in it, angles:
     (B,) increasing, ranges: (B,). Of a point before the surface of which it stands, and where beams
     are no farther apart than coarsest_m: met where a beam beside it ends no farther from it than
-    the margin, passed where all beams about it end beyond, or some come back from nowhere although the
-    surface, which returned others, is straight before the laser and well within its reach.
+    the margin, passed where all beams about it end beyond, silent where some of these come back from
+    nowhere although the surface is no farther than reach_m and straight before the laser, or has
+    returned others from as far and as much along it. hardest: (N, 2) of those that it returned, the
+    greatest distance [m] and the least sine of the angle to it: kept up to date.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = angles.shape[0]
     step = (angles[count - 1] - angles[0]) / (count - 1)
-    reach = 0.0
-    for k in range(count):
-        if ranges[k] < math.inf:
-            reach = max(reach, ranges[k])
     eye_x = pose[0] + c * origin[0] - s * origin[1]
     eye_y = pose[1] + s * origin[0] + c * origin[1]
     for i in range(points.shape[0]):
@@ -146,8 +146,15 @@ def looks_into(
             nearest, farthest = min(nearest, ranges[k]), max(farthest, ranges[k])
             is_met |= abs(ranges[k] - distance) <= margin
         if is_met:
-            met[i] += before > 0.0
-        elif nearest > distance + margin and (
-            farthest < math.inf or (abs(before) > _STRAIGHT * distance and distance < _SURE * reach)
-        ):
-            passed[i] += 1
+            if before > 0.0:
+                met[i] += 1
+                hardest[i, 0] = max(hardest[i, 0], distance)
+                hardest[i, 1] = min(hardest[i, 1], before / distance)
+        elif nearest > distance + margin:
+            if farthest < math.inf:
+                passed[i] += 1
+            elif distance < reach_m and (
+                abs(before) > _STRAIGHT * distance
+                or (distance <= hardest[i, 0] and abs(before) >= hardest[i, 1] * distance)
+            ):
+                silent[i] += 1

@@ -1,5 +1,7 @@
 """Maps in files: what is read is what was written, and what is none is refused."""
 
+import io
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -40,6 +42,43 @@ def test_map_read_is_the_one_written(slam_map, tmp_path):
     np.testing.assert_allclose(again.graph.solve().poses, slam_map.graph.solve().poses, atol=1e-9)
 
 
+def test_scans_between_keyframes_are_kept_with_them(tmp_path):
+    mapper = Mapper(ring.T_BASE_LASER)
+    for measurement in ring.drive(ring.way(0.1, 0.1), np.random.default_rng(0)):
+        mapper.update(measurement)
+    path, slam_map = tmp_path / "map.kitasap", mapper.finish()
+    write_slam_map(path, slam_map)
+    again = read_slam_map(path)
+    told = [[glance for one in keyframes.keyframes for glance in one.glances]
+            for keyframes in (slam_map, again)]  # fmt: skip
+    assert len(told[0]) > 10
+    assert [glance.T_keyframe_base for glance in told[0]] == [g.T_keyframe_base for g in told[1]]
+    for one, other in zip(*told, strict=True):
+        assert one.ranges_m.tobytes() == other.ranges_m.tobytes()
+        assert one.angles_rad.tobytes() == other.angles_rad.tobytes()
+    assert [len(one.glances) for one in slam_map.keyframes] == [
+        len(one.glances) for one in again.keyframes
+    ]
+    write_slam_map(tmp_path / "again.kitasap", again)
+    assert (tmp_path / "again.kitasap").read_bytes() == path.read_bytes()
+
+
+def test_map_of_version_2_is_read_without_scans_between_keyframes(slam_map, tmp_path):
+    path, old = tmp_path / "map.kitasap", tmp_path / "old.kitasap"
+    write_slam_map(path, slam_map)
+    with zipfile.ZipFile(path) as whole, zipfile.ZipFile(old, "w") as archive:
+        for name in whole.namelist():
+            if name == "version.npy":
+                member = io.BytesIO()
+                np.save(member, np.array(2))
+                archive.writestr(name, member.getvalue())
+            elif not name.startswith("glance"):
+                archive.writestr(name, whole.read(name))
+    again = read_slam_map(old)
+    assert len(again.keyframes) == len(slam_map.keyframes)
+    assert not any(one.glances for one in again.keyframes)
+
+
 def test_empty_map_is_kept_too(tmp_path):
     write_slam_map(tmp_path / "map.kitasap", Mapper(ring.T_BASE_LASER).finish())
     assert read_slam_map(tmp_path / "map.kitasap").poses.shape == (0, 3)
@@ -60,10 +99,10 @@ def test_file_cut_anywhere_or_changed_is_refused_by_name(slam_map, tmp_path):
 
 
 def test_later_version_is_refused(slam_map, tmp_path, monkeypatch):
-    monkeypatch.setattr("slam.slam_map_files.VERSION", 3)
+    monkeypatch.setattr("slam.slam_map_files.VERSION", 4)
     write_slam_map(tmp_path / "map.kitasap", slam_map)
-    monkeypatch.setattr("slam.slam_map_files.VERSION", 2)
-    with pytest.raises(ValueError, match="its version is 3, and this library reads 1 to 2"):
+    monkeypatch.setattr("slam.slam_map_files.VERSION", 3)
+    with pytest.raises(ValueError, match="its version is 4, and this library reads 1 to 3"):
         read_slam_map(tmp_path / "map.kitasap")
 
 

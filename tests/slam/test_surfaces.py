@@ -7,6 +7,7 @@ from slam.beams import Beams
 from slam.se2 import SE2
 from slam.surface_map import faced
 from slam.surfaces import Surfaces, surfaces_of
+from slam.views import Glances, View
 from tests.slam.synthetic import box, room, scan_of
 
 LASER = SE2.identity()
@@ -95,6 +96,35 @@ def test_whoever_has_gone_is_left_out():
     assert off.max() < 0.3
 
 
+def test_whoever_stood_still_is_told_by_the_scans_between_the_keyframes():
+    # met by all keyframes that look there; of the scans between them some saw him come
+    somebody = np.concatenate([TRUE, box(1.2, 1.9, 1.3, 2.0)])
+    rng = np.random.default_rng(6)
+    scans = [seen(somebody, place, rng) for place in PLACES]
+    before = [View.of(T, beams) for T, _, beams in (seen(TRUE, place, rng) for place in PLACES[:8])]
+    off = off_m(surfaces_of(scans).points(), TRUE)
+    assert (off > 0.3).sum() > 5
+    stayed = surfaces_of(scans, before).points()
+    assert off_m(stayed, TRUE).max() < 0.3
+    # and nothing else has gone
+    assert (off_m(surfaces_of(scans, before * 4).points(), TRUE) < 0.05).sum() > 0.98 * (
+        off < 0.05
+    ).sum()
+
+
+def test_a_beam_from_nowhere_passed_what_returned_others_from_as_far():
+    rng = np.random.default_rng(7)
+    # a leg in the open: what is behind it is out of reach; the wall at the side is not
+    wall = box(-1.0, 4.0, 1.0, 4.2)
+    leg = np.concatenate([box(2.0, -0.1, 2.1, 0.1), wall])
+    place = SE2.identity()
+    scans = [seen(leg, place, rng) for _ in range(4)]
+    empty = [View.of(T, beams) for T, _, beams in (seen(wall, place, rng) for _ in range(4))]
+    assert (off_m(surfaces_of(scans).points(), leg) < 0.1).sum() >= 4
+    near = np.hypot(*surfaces_of(scans, empty).points().T) < 3.0
+    assert not near.any()
+
+
 def test_surfaces_move_with_their_frame(surfaces):
     T = SE2(1.0, -2.0, 0.7)
     there = surfaces.moved(T)
@@ -115,3 +145,18 @@ def test_nothing_seen_gives_nothing():
 def test_equal_scans_give_equal_bytes():
     one, other = (surfaces_from([(TRUE, place) for place in PLACES[:6]]) for _ in range(2))
     assert one.segments.tobytes() == other.segments.tobytes()
+
+
+def test_scans_since_a_keyframe_are_kept_evenly_and_sixteen_at_most():
+    glances = Glances()
+    beams = Beams(np.zeros((3, 2)), np.array([0.0, 0.1, 0.2]), np.array([1.0, np.inf, 2.0]))
+    for k in range(1000):
+        glances.take(SE2(0.001 * k, 0.0, 0.0), beams)
+    at = np.array([glance.T_keyframe_base.x for glance in glances.kept]) / 0.001
+    assert 8 < len(at) <= 16
+    assert np.ptp(np.diff(at)) < 1e-6
+    assert at[0] == 0.0
+    assert at[-1] > 900.0
+    view = glances.kept[0].view(SE2(1.0, 2.0, 0.0))
+    assert view.T_map_base.y == 2.0
+    assert view.ranges_m.tolist() == [1.0, np.inf, 2.0]

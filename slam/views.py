@@ -1,0 +1,72 @@
+"""What single scans say of a map, and the scans between keyframes, kept as small as they can be."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.se2 import SE2
+
+_MOST = 16
+"""Chosen: scans kept for each keyframe, so that memory grows with the map and not with the time."""
+
+
+class View(NamedTuple):
+    """A scan on the map: its pose, and in its frame where its beams start, (2,) [m], their
+    directions (B,) [rad], increasing, and ranges (B,) [m] as in `LaserScan`."""
+
+    T_map_base: SE2
+    origin_m: FloatArray
+    angles_rad: FloatArray
+    ranges_m: FloatArray
+
+    @staticmethod
+    def of(T_map_base: SE2, beams: Beams) -> View:
+        """That of beams, all taken to start in their middle."""
+        return View(T_map_base, beams.middle_m, beams.angles_rad, beams.ranges_m)
+
+
+class Glance(NamedTuple):
+    """A scan as seen from the keyframe before it, otherwise as `View`."""
+
+    T_keyframe_base: SE2
+    origin_m: FloatArray
+    angles_rad: NDArray[np.float32]
+    ranges_m: NDArray[np.float32]
+
+    def view(self, T_map_keyframe: SE2) -> View:
+        """Where the keyframe is at a pose."""
+        return View(
+            T_map_keyframe @ self.T_keyframe_base,
+            self.origin_m,
+            self.angles_rad.astype(np.float64),
+            self.ranges_m.astype(np.float64),
+        )
+
+
+class Glances:
+    """Scans that were taken since a keyframe, evenly over the time until the next."""
+
+    def __init__(self) -> None:
+        self._kept: list[Glance] = []
+        self._every, self._count = 1, 0
+
+    def take(self, T_keyframe_base: SE2, beams: Beams) -> None:
+        """Notes the next scan, if its turn has come."""
+        if self._count % self._every == 0 and len(self._kept) == _MOST:
+            self._kept = self._kept[::2]
+            self._every *= 2
+        if self._count % self._every == 0:
+            angles_rad = beams.angles_rad.astype(np.float32)
+            ranges_m = beams.ranges_m.astype(np.float32)
+            self._kept.append(Glance(T_keyframe_base, beams.middle_m, angles_rad, ranges_m))
+        self._count += 1
+
+    @property
+    def kept(self) -> tuple[Glance, ...]:
+        """Those kept, at most 16."""
+        return tuple(self._kept)
