@@ -261,7 +261,7 @@ def fisher_information(
     look(
         segment_map.normals, segment_map.sigma_m, beams.origins_m, beams.directions, ranges_m,
         laser.noise_table, np.array([-np.inf, np.inf]), _NO_OUTLIERS, 0.0, T_map_base.theta,
-        ranges_m, hit_walls, counted, False, information, pull, sums,
+        ranges_m, hit_walls, counted, information, pull, sums,
     )  # fmt: skip
     return information
 

@@ -9,7 +9,6 @@ import numpy as np
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
 from slam.kernels.normal_equations import covariance_into, moved
-from slam.kernels.ray_casting import cast_fan
 
 # What `sums` holds: beams that tell; those that fit; those that ended behind the wall, or short of
 # it; squared residuals in sigmas, each counted as an inlier's largest at most; and what a range
@@ -20,8 +19,8 @@ SUM_COUNT = 10
 
 _INLIER = 16.0
 """Squared: a beam more than four sigmas off is no inlier; noise alone does it once in 16 000."""
-_LIMIT_SIGMAS = 3.0
-_MIN_COSINE = 0.02
+LIMIT_SIGMAS = 3.0
+MIN_COSINE = 0.02
 """Chosen: a degree; flatter beams give no return on real walls."""
 _ROOT_TWO_PI = 2.5066282746310002
 _NO_OFFSET = 1e-3
@@ -82,7 +81,6 @@ def look(
     predicted: FloatArray,
     hit_walls: IntArray,
     is_kept: BoolArray,
-    is_curved: bool,
     information: FloatArray,
     pull: FloatArray,
     sums: FloatArray,
@@ -97,9 +95,6 @@ def look(
     measures. outliers: (2,) odds of an outlier against a good beam, per metre of range; and of a
     mixed pixel, anywhere between its wall and that of a neighbour.
     blur: standard deviation [m] of the position, across its wall, added to every beam.
-    is_curved: the information counts how the weights change too, as the likelihood's own second
-    derivative does: a beam that may or may not be an outlier tells less than its weight. Away from
-    the maximum it may be negative, which that of Gauss-Newton never is.
     information: (3, 3), pull: (3,), sums: (SUM_COUNT,) results.
     """
     information[:] = 0.0
@@ -120,13 +115,13 @@ def look(
         h = predicted[i]
         sigma = sigma_at(noise, h)
         # chosen by the prediction: chosen by what was measured, noise would pull walls at the limit
-        if h > limits[1] - _LIMIT_SIGMAS * sigma or h < limits[0] + _LIMIT_SIGMAS * sigma:
+        if h > limits[1] - LIMIT_SIGMAS * sigma or h < limits[0] + LIMIT_SIGMAS * sigma:
             continue
         nx = c * map_normals[wall, 0] + s * map_normals[wall, 1]
         ny = c * map_normals[wall, 1] - s * map_normals[wall, 0]
         ux, uy = directions[i, 0], directions[i, 1]
         cosine = nx * ux + ny * uy
-        if abs(cosine) < _MIN_COSINE:
+        if abs(cosine) < MIN_COSINE:
             continue
         wall_sigma = wall_sigmas[wall]
         across = wall_sigma * wall_sigma + blur * blur
@@ -151,95 +146,26 @@ def look(
         weight = bell / (bell + _ROOT_TWO_PI * density * deviation)
         gx, gy = -nx / cosine, -ny / cosine
         gt = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
-        curvature = weight
-        if is_curved:
-            curvature *= 1.0 - (1.0 - weight) * squared
         weight /= variance
-        curvature /= variance
-        sums[OFFSET_INFORMATION] += curvature
+        sums[OFFSET_INFORMATION] += weight
         sums[OFFSET_PULL] += weight * residual
-        sums[OFFSET_CROSS] += curvature * gx
-        sums[OFFSET_CROSS + 1] += curvature * gy
-        sums[OFFSET_CROSS + 2] += curvature * gt
+        sums[OFFSET_CROSS] += weight * gx
+        sums[OFFSET_CROSS + 1] += weight * gy
+        sums[OFFSET_CROSS + 2] += weight * gt
         px += weight * residual * gx
         py += weight * residual * gy
         pt += weight * residual * gt
-        xx += curvature * gx * gx
-        xy += curvature * gx * gy
-        xt += curvature * gx * gt
-        yy += curvature * gy * gy
-        yt += curvature * gy * gt
-        tt += curvature * gt * gt
+        xx += weight * gx * gx
+        xy += weight * gx * gy
+        xt += weight * gx * gt
+        yy += weight * gy * gy
+        yt += weight * gy * gt
+        tt += weight * gt * gt
     pull[0], pull[1], pull[2] = px, py, pt
     information[0, 0], information[1, 1], information[2, 2] = xx, yy, tt
     information[0, 1] = information[1, 0] = xy
     information[0, 2] = information[2, 0] = xt
     information[1, 2] = information[2, 1] = yt
-
-
-@compiled
-def keep_smooth(
-    vertices: FloatArray,
-    walls: IntArray,
-    origins: FloatArray,
-    directions: FloatArray,
-    angles: FloatArray,
-    middle: FloatArray,
-    spread: float,
-    reach: float,
-    noise: FloatArray,
-    covariance: FloatArray,
-    sigmas: float,
-    bend: float,
-    bearings: FloatArray,
-    predicted: FloatArray,
-    hit_walls: IntArray,
-    is_kept: BoolArray,
-) -> None:
-    """Drops the beams whose range is not a straight function of the pose over its uncertainty.
-
-    Each beam is shifted sideways by `sigmas` standard deviations of where it passes its hit, given
-    the covariance (3, 3) of the pose (base frame), to either side: where its range then leaves the
-    tangent by more than `bend` sigmas of its noise, the beam passes an edge or touches something
-    round, and its gradient says nothing. is_kept: (N,) result.
-    """
-    count = angles.shape[0]
-    shifted, ranges, hits = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
-    shifts = np.zeros(count)
-    widest = 0.0
-    for i in range(count):
-        is_kept[i] = hit_walls[i] >= 0
-        if not is_kept[i]:
-            continue
-        ux, uy, h = directions[i, 0], directions[i, 1], predicted[i]
-        ax, ay = -uy, ux
-        at = h + (origins[i, 0] * ux + origins[i, 1] * uy)
-        variance = (
-            ax * ax * covariance[0, 0] + ay * ay * covariance[1, 1] + at * at * covariance[2, 2]
-            + 2.0 * (ax * ay * covariance[0, 1] + ax * at * covariance[0, 2] + ay * at * covariance[1, 2])
-        )  # fmt: skip
-        shifts[i] = sigmas * math.sqrt(max(variance, 0.0))
-        widest = max(widest, shifts[i])
-    for side in range(2):
-        sign = 1.0 - 2.0 * side
-        for i in range(count):
-            shifted[i, 0] = origins[i, 0] - sign * shifts[i] * directions[i, 1]
-            shifted[i, 1] = origins[i, 1] + sign * shifts[i] * directions[i, 0]
-        cast_fan(
-            vertices, walls, shifted, directions, angles, middle, spread + widest, reach,
-            np.zeros(count), bearings, ranges, hits,
-        )  # fmt: skip
-        for i in range(count):
-            if not is_kept[i]:
-                continue
-            a, b = walls[hit_walls[i], 0], walls[hit_walls[i], 1]
-            ex, ey = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
-            ux, uy = directions[i, 0], directions[i, 1]
-            # along the wall's line, a step aside by 1 makes the beam longer by the tangent
-            tangent = (ex * ux + ey * uy) / (ux * ey - uy * ex) if ux * ey != uy * ex else np.inf
-            expected = predicted[i] + sign * shifts[i] * tangent
-            limit = bend * sigma_at(noise, predicted[i])
-            is_kept[i] = abs(ranges[i] - expected) <= limit
 
 
 @compiled

@@ -12,14 +12,13 @@ from slam.kernels.beam_likelihood import (
     OFFSET_CROSS,
     OFFSET_INFORMATION,
     OFFSET_PULL,
-    SUM_COUNT,
-    keep_smooth,
     look,
 )
 from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
 from slam.kernels.mixed_pixels import mixing_shares
 from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
+from slam.kernels.smooth_beams import keep_smooth, look_smooth
 
 _BLUR_OF_POSTERIOR = 0.5
 """Chosen: half the standard deviation reached. Without it one beam that touches a round leg claims
@@ -85,7 +84,7 @@ def climb(
         )  # fmt: skip
         look(
             wall_normals, wall_sigmas, origins, directions, measured, noise, limits,
-            outliers, blur, pose[2], predicted, hit_walls, is_kept, False, information, pull, sums,
+            outliers, blur, pose[2], predicted, hit_walls, is_kept, information, pull, sums,
         )  # fmt: skip
         solved(information, pull, step)
         length = math.sqrt(max(float(step @ pull), 0.0))
@@ -102,9 +101,16 @@ def climb(
     )  # fmt: skip
     look(
         wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, blur,
-        pose[2], predicted, hit_walls, is_kept, False, information, pull, sums,
+        pose[2], predicted, hit_walls, is_kept, information, pull, sums,
     )  # fmt: skip
     return max_steps, length <= _SHORT_STEP
+
+
+@compiled
+def _sharpest_blur(covariance: FloatArray) -> float:
+    """The blur [m] of the last stage, given the covariance (3, 3) reached."""
+    deviation = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1]))
+    return _BLUR_OF_POSTERIOR * min(deviation, _WIDEST_BLUR_M)
 
 
 @compiled
@@ -147,10 +153,9 @@ def maximise(
             break
         if is_last:
             covariance = inverted(information)
-            deviation = math.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1]))
             # where two edges disagree the steps may go on for ever: once more, less sharp
             sharpness = 1.0 if stage == blurs.shape[0] else 4.0
-            blur = sharpness * _BLUR_OF_POSTERIOR * min(deviation, _WIDEST_BLUR_M)
+            blur = sharpness * _sharpest_blur(covariance)
         else:
             blur = blurs[stage]
         taken, settled = climb(
@@ -211,31 +216,29 @@ def sharpen(
     pull, step = np.empty(3), np.empty(3)
     reach = reach_of(limits)
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
+    covariance = inverted(information)
     keep_smooth(
-        vertices, walls, origins, directions, angles, middle, spread, reach, noise,
-        inverted(information), smoothness[0], smoothness[1], bearings, predicted, hit_walls, is_kept,
+        vertices, walls, origins, directions, angles, middle, spread, reach, noise, covariance,
+        smoothness[0], smoothness[1], bearings, predicted, hit_walls,
+        is_kept,
     )  # fmt: skip
-    # smooth beams are straight over the uncertainty: one step is all they need
-    curved, curved_pull, curved_sums = np.empty((3, 3)), np.empty(3), np.empty(SUM_COUNT)
-    look(
-        wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, 0.0,
-        pose[2], predicted, hit_walls, is_kept, True, curved, curved_pull, curved_sums,
+    curved, shares = np.empty((3, 3)), np.empty(2)
+    mixing_shares(predicted, measured, noise, is_kept, outliers[1], shares)
+    look_smooth(
+        wall_normals, origins, directions, measured, noise, limits, outliers, shares, pose[2],
+        predicted, hit_walls, is_kept, information, curved, pull, sums,
     )  # fmt: skip
-    look(
-        wall_normals, wall_sigmas, origins, directions, measured, noise, limits, outliers, 0.0,
-        pose[2], predicted, hit_walls, is_kept, False, information, pull, sums,
-    )  # fmt: skip
-    solved(information, pull, step)
-    moved(pose, step)
-    pull_offset(sums, step)
     # beams that may be mixed pixels tell less than their weights; how much less as one number, since
     # their curvature alone may leave a direction open that the beams do hold
     share = np.trace(inverted(information) @ curved) / 3.0
     share = min(max(share, _LEAST_SHARE), 1.0)
     information *= share
     sums[OFFSET_INFORMATION] *= share
-    sums[OFFSET_PULL] *= share
     sums[OFFSET_CROSS : OFFSET_CROSS + 3] *= share
+    # smooth beams are straight over the uncertainty: one step is all they need
+    solved(information, pull, step)
+    moved(pose, step)
+    pull_offset(sums, step)
     smooth_pose[:], smooth_information[:] = pose, information
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     edges = np.empty(count, dtype=np.int64)
@@ -269,8 +272,6 @@ def sharpen(
                 nearest = ranges[e].min()
                 is_due[e] = nearest < distances[e]
                 distances[e] = min(distances[e], nearest)
-    shares = np.empty(2)
-    mixing_shares(predicted, measured, noise, is_kept, outliers[1], shares)
     edge_likelihoods(
         ranges, edges, measured, noise, limits, outliers, shares, predicted, likelihoods
     )

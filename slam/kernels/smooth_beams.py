@@ -1,0 +1,160 @@
+"""Beams whose ranges are straight functions of the pose: which they are, and what they tell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.kernels import compiled
+from slam.kernels.beam_likelihood import (
+    LIMIT_SIGMAS,
+    MIN_COSINE,
+    OFFSET_CROSS,
+    OFFSET_INFORMATION,
+    OFFSET_PULL,
+    sigma_at,
+)
+from slam.kernels.mixed_pixels import slope_and_bend
+from slam.kernels.ray_casting import cast_fan
+
+_MOST_SIGMAS = 4.0
+"""A beam farther off is none of this wall's."""
+
+
+@compiled
+def keep_smooth(
+    vertices: FloatArray,
+    walls: IntArray,
+    origins: FloatArray,
+    directions: FloatArray,
+    angles: FloatArray,
+    middle: FloatArray,
+    spread: float,
+    reach: float,
+    noise: FloatArray,
+    covariance: FloatArray,
+    sigmas: float,
+    bend: float,
+    bearings: FloatArray,
+    predicted: FloatArray,
+    hit_walls: IntArray,
+    is_kept: BoolArray,
+) -> None:
+    """Drops the beams whose range is not a straight function of the pose over its uncertainty.
+
+    Each beam is shifted sideways by `sigmas` standard deviations of where it passes its hit, given
+    the covariance (3, 3) of the pose (base frame), to either side: where its range then leaves the
+    tangent by more than `bend` sigmas of its noise, the beam passes an edge or touches something
+    round, and its gradient says nothing. is_kept: (N,) result.
+    """
+    count = angles.shape[0]
+    shifted, ranges, hits = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
+    shifts = np.zeros(count)
+    widest = 0.0
+    for i in range(count):
+        is_kept[i] = hit_walls[i] >= 0
+        if not is_kept[i]:
+            continue
+        ux, uy, h = directions[i, 0], directions[i, 1], predicted[i]
+        ax, ay = -uy, ux
+        at = h + (origins[i, 0] * ux + origins[i, 1] * uy)
+        variance = (
+            ax * ax * covariance[0, 0] + ay * ay * covariance[1, 1] + at * at * covariance[2, 2]
+            + 2.0 * (ax * ay * covariance[0, 1] + ax * at * covariance[0, 2] + ay * at * covariance[1, 2])
+        )  # fmt: skip
+        shifts[i] = sigmas * math.sqrt(max(variance, 0.0))
+        widest = max(widest, shifts[i])
+    for side in range(2):
+        sign = 1.0 - 2.0 * side
+        for i in range(count):
+            shifted[i, 0] = origins[i, 0] - sign * shifts[i] * directions[i, 1]
+            shifted[i, 1] = origins[i, 1] + sign * shifts[i] * directions[i, 0]
+        cast_fan(
+            vertices, walls, shifted, directions, angles, middle, spread + widest, reach,
+            np.zeros(count), bearings, ranges, hits,
+        )  # fmt: skip
+        for i in range(count):
+            if not is_kept[i]:
+                continue
+            tangent = _tangent(vertices, walls, hit_walls[i], directions[i, 0], directions[i, 1])
+            expected = predicted[i] + sign * shifts[i] * tangent
+            limit = bend * sigma_at(noise, predicted[i])
+            is_kept[i] = abs(ranges[i] - expected) <= limit
+
+
+@compiled
+def _tangent(vertices: FloatArray, walls: IntArray, wall: int, ux: float, uy: float) -> float:
+    """How much longer a beam becomes along a wall's line by a step to its left of 1."""
+    a, b = walls[wall, 0], walls[wall, 1]
+    ex, ey = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
+    across = ux * ey - uy * ex
+    return (ex * ux + ey * uy) / across if across != 0.0 else np.inf
+
+
+@compiled
+def look_smooth(
+    map_normals: FloatArray,
+    origins: FloatArray,
+    directions: FloatArray,
+    measured: FloatArray,
+    noise: FloatArray,
+    limits: FloatArray,
+    outliers: FloatArray,
+    shares: FloatArray,
+    heading: float,
+    predicted: FloatArray,
+    hit_walls: IntArray,
+    is_kept: BoolArray,
+    information: FloatArray,
+    curved: FloatArray,
+    pull: FloatArray,
+    sums: FloatArray,
+) -> None:
+    """One look at the beams is_kept (N,), light that an edge splits told apart.
+
+    As `look` on exact walls without blur, with the densities of `slope_and_bend`. shares: (2,) of
+    `mixing_shares`. curved: (3, 3) result, the negative second derivative of the log likelihood: a
+    beam that may or may not be mixed tells less than its weight, of which information is the sum.
+    It may be negative, which that of Gauss-Newton never is. Of sums those of the offset.
+    """
+    information[:] = 0.0
+    curved[:] = 0.0
+    pull[:] = 0.0
+    sums[:] = 0.0
+    c, s = math.cos(heading), math.sin(heading)
+    count = measured.shape[0]
+    gradient = np.empty(3)
+    for i in range(count):
+        z, wall, h = measured[i], hit_walls[i], predicted[i]
+        if not math.isfinite(z) or not is_kept[i] or wall < 0:
+            continue
+        sigma = sigma_at(noise, h)
+        if not limits[0] + LIMIT_SIGMAS * sigma <= h <= limits[1] - LIMIT_SIGMAS * sigma:
+            continue
+        nx = c * map_normals[wall, 0] + s * map_normals[wall, 1]
+        ny = c * map_normals[wall, 1] - s * map_normals[wall, 0]
+        ux, uy = directions[i, 0], directions[i, 1]
+        cosine = nx * ux + ny * uy
+        if abs(cosine) < MIN_COSINE or abs(z - h) > _MOST_SIGMAS * sigma:
+            continue
+        gradient[0], gradient[1] = -nx / cosine, -ny / cosine
+        gradient[2] = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
+        left = predicted[i + 1] if i + 1 < count else np.inf
+        right = predicted[i - 1] if i > 0 else np.inf
+        slope, bend, weight = slope_and_bend(z, h, left, right, sigma, shares, outliers[0])
+        weight /= sigma * sigma
+        sums[OFFSET_INFORMATION] += weight
+        sums[OFFSET_PULL] += slope
+        for j in range(3):
+            sums[OFFSET_CROSS + j] += weight * gradient[j]
+            pull[j] += slope * gradient[j]
+            for k in range(j + 1):
+                product = gradient[j] * gradient[k]
+                information[j, k] += weight * product
+                curved[j, k] += bend * product
+    for j in range(3):
+        for k in range(j):
+            information[k, j] = information[j, k]
+            curved[k, j] = curved[j, k]
