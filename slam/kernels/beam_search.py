@@ -219,7 +219,7 @@ def sharpen(
     covariance = inverted(information)
     keep_smooth(
         vertices, walls, origins, directions, angles, middle, spread, reach, noise, covariance,
-        smoothness[0], smoothness[1], bearings, predicted, hit_walls,
+        smoothness[0], smoothness[1], _sharpest_blur(covariance), bearings, predicted, hit_walls,
         is_kept,
     )  # fmt: skip
     curved, shares = np.empty((3, 3)), np.empty(2)

@@ -9,6 +9,7 @@ import numpy as np
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
 from slam.kernels.beam_likelihood import (
+    LEAST_JUMP_M,
     LIMIT_SIGMAS,
     MIN_COSINE,
     OFFSET_CROSS,
@@ -19,6 +20,11 @@ from slam.kernels.beam_likelihood import (
 from slam.kernels.mixed_pixels import slope_and_bend
 from slam.kernels.ray_casting import cast_fan
 
+_MOST_OWN = 0.2
+"""Chosen: of what is known of a beam's range, what it may say itself. All shares add up to 3; of
+hundreds of beams, a few that graze a wall have more."""
+_LEAST_LEFT = 0.2
+"""Chosen: no shift grows to more than twice and a half, however much the beam says itself."""
 _MOST_SIGMAS = 4.0
 """A beam farther off is none of this wall's."""
 
@@ -37,6 +43,7 @@ def keep_smooth(
     covariance: FloatArray,
     sigmas: float,
     bend: float,
+    blur: float,
     bearings: FloatArray,
     predicted: FloatArray,
     hit_walls: IntArray,
@@ -47,25 +54,32 @@ def keep_smooth(
     Each beam is shifted sideways by `sigmas` standard deviations of where it passes its hit, given
     the covariance (3, 3) of the pose (base frame), to either side: where its range then leaves the
     tangent by more than `bend` sigmas of its noise, the beam passes an edge or touches something
-    round, and its gradient says nothing. is_kept: (N,) result.
+    round, and its gradient says nothing. What the beam itself says of that place does not count: a
+    mixed pixel that a flat wall happens to explain would vouch for itself; beside a jump, a beam
+    that says much of it is not kept at all. blur: with which the covariance was found [m].
+    is_kept: (N,) result.
     """
     count = angles.shape[0]
     shifted, ranges, hits = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
-    shifts = np.zeros(count)
+    shifts, aside, slope = np.zeros(count), np.empty(3), np.empty(3)
     widest = 0.0
     for i in range(count):
         is_kept[i] = hit_walls[i] >= 0
         if not is_kept[i]:
             continue
         ux, uy, h = directions[i, 0], directions[i, 1], predicted[i]
-        ax, ay = -uy, ux
         at = h + (origins[i, 0] * ux + origins[i, 1] * uy)
-        variance = (
-            ax * ax * covariance[0, 0] + ay * ay * covariance[1, 1] + at * at * covariance[2, 2]
-            + 2.0 * (ax * ay * covariance[0, 1] + ax * at * covariance[0, 2] + ay * at * covariance[1, 2])
-        )  # fmt: skip
-        shifts[i] = sigmas * math.sqrt(max(variance, 0.0))
-        widest = max(widest, shifts[i])
+        aside[0], aside[1], aside[2] = -uy, ux, at
+        turn = origins[i, 0] * uy - origins[i, 1] * ux
+        tangent = _tangent(vertices, walls, hit_walls[i], ux, uy)
+        slope[0], slope[1], slope[2] = -ux - tangent * uy, -uy + tangent * ux, -turn + tangent * at
+        sigma = sigma_at(noise, h)
+        told = sigma * sigma + blur * blur * (1.0 + tangent * tangent)
+        variance, own = _without_own(covariance, aside, slope, told)
+        is_kept[i] = own < _MOST_OWN or not _is_beside_jump(predicted, i)
+        if is_kept[i]:
+            shifts[i] = sigmas * math.sqrt(variance)
+            widest = max(widest, shifts[i])
     for side in range(2):
         sign = 1.0 - 2.0 * side
         for i in range(count):
@@ -91,6 +105,39 @@ def _tangent(vertices: FloatArray, walls: IntArray, wall: int, ux: float, uy: fl
     ex, ey = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1]
     across = ux * ey - uy * ex
     return (ex * ux + ey * uy) / across if across != 0.0 else np.inf
+
+
+@compiled
+def _without_own(
+    covariance: FloatArray, aside: FloatArray, slope: FloatArray, told: float
+) -> tuple[float, float]:
+    """Variance of a shift aside, had the beam not told its range; its share of what is known.
+
+    aside, slope: (3,) gradients of the shift and of the range. told: variance of the range.
+    """
+    variance = known = shared = 0.0
+    # written out: a product of such small matrices takes longer to call than to do
+    for j in range(3):
+        x, y, t = covariance[j, 0], covariance[j, 1], covariance[j, 2]
+        carried = x * slope[0] + y * slope[1] + t * slope[2]
+        known += slope[j] * carried
+        shared += aside[j] * carried
+        variance += aside[j] * (x * aside[0] + y * aside[1] + t * aside[2])
+    variance = max(variance, 0.0)
+    if not known < told:
+        return variance, 1.0
+    left = max(told - known, _LEAST_LEFT * told)
+    return variance + shared * shared / left, known / told
+
+
+@compiled
+def _is_beside_jump(predicted: FloatArray, i: int) -> bool:
+    for j in (i - 1, i + 1):
+        if 0 <= j < predicted.shape[0]:
+            jump = abs(predicted[j] - predicted[i])
+            if jump > LEAST_JUMP_M and math.isfinite(jump):
+                return True
+    return False
 
 
 @compiled

@@ -216,6 +216,8 @@ def kept(
     pose: SE2,
     covariance: np.ndarray,
     sigmas: float = 2.0,
+    sigma_m: float = 1e-4,
+    blur_m: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which beams `keep_smooth` keeps, the walls they hit (-1: none) and their ranges; (N,) each."""
     segment_map, beams = SegmentMap(segments), Beams.of(scan_of(segments, pose), SE2.identity())
@@ -224,8 +226,8 @@ def kept(
     vertices = pose.inverse() @ segment_map.vertices
     keep_smooth(
         vertices, segment_map.walls, beams.origins_m, beams.directions, beams.angles_rad,
-        beams.middle_m, beams.spread_m, 30.0, np.array([[1.0, 1e-4]]), covariance, sigmas, 1.0,
-        np.empty_like(vertices), predicted_m, hit_walls, is_kept,
+        beams.middle_m, beams.spread_m, 30.0, np.array([[1.0, sigma_m]]), covariance, sigmas, 1.0,
+        blur_m, np.empty_like(vertices), predicted_m, hit_walls, is_kept,
     )  # fmt: skip
     return is_kept, hit_walls, ranges_m
 
@@ -264,3 +266,18 @@ def test_beams_that_pass_an_edge_and_no_others_are_not_smooth():
     is_same = (walls[0] == walls[1]) & (walls[1] == walls[2])
     assert (~is_same).sum() >= 5
     np.testing.assert_array_equal(is_kept, is_same)
+
+
+def test_beam_that_vouches_for_itself_is_not_smooth_beside_a_jump():
+    # down a corridor, the farther a beam hits, the more it says of the heading, and of itself
+    pose = SE2(0.0, 0.2, 0.0)
+    segments = np.array([[[60.0, 1.0], [-60.0, 1.0]], [[-60.0, -1.0], [60.0, -1.0]]])
+    sure, unsure = (np.diag([1e-8, 1e-8, variance]) for variance in (1e-10, 1e-4))
+    is_kept, _, ranges_m = kept(segments, pose, sure, sigma_m=0.05, blur_m=0.0)
+    is_steep, is_flat = ranges_m < 1.2, (ranges_m > 10.0) & (ranges_m < 20.0)
+    assert is_kept[is_steep].all()
+    assert is_kept[is_flat].all()
+    # 10 mrad make a beam of 10 m a metre longer, one of 1.2 m a quarter of the noise at most
+    is_kept, _, _ = kept(segments, pose, unsure, sigma_m=0.05, blur_m=0.0)
+    assert is_kept[is_steep].all()
+    assert not is_kept[is_flat].any()
