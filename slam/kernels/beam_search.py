@@ -14,7 +14,7 @@ from slam.kernels.beam_likelihood import (
     OFFSET_PULL,
     look,
 )
-from slam.kernels.edges import edge_likelihoods, is_refuted, propagate, ranges_beside, smoothed
+from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside, share_absent, smoothed
 from slam.kernels.mixed_pixels import mixing_shares
 from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
@@ -272,12 +272,13 @@ def sharpen(
                 nearest = ranges[e].min()
                 is_due[e] = nearest < distances[e]
                 distances[e] = min(distances[e], nearest)
-    edge_likelihoods(
-        ranges, edges, measured, noise, limits, outliers, shares, predicted, likelihoods
-    )
+    absent = np.empty(edge_count)
     for e in range(edge_count):
-        if is_refuted(edges[e], distances[e], predicted, measured, noise, is_kept):
-            likelihoods[e] = 1.0
+        absent[e] = share_absent(edges[e], distances[e], predicted, measured, noise, is_kept)
+    edge_likelihoods(
+        ranges, edges, measured, noise, limits, outliers, shares, absent, predicted, likelihoods
+    )
+    likelihoods[absent == 1.0] = 1.0
     smoothed(likelihoods, edge_blurs)
     mean = np.zeros(3)
     propagate(information, axes, shifts, likelihoods, sweeps, mean, covariance)

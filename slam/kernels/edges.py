@@ -18,6 +18,8 @@ from slam.kernels.normal_equations import covariance_into, inverted
 
 _ABSENT = 0.05
 """Chosen: one thing in twenty on the map has been moved since; then the beam sees what is behind."""
+_ABSENT_THOUGH_MET = 0.02
+"""Chosen: where a beam beside it ends on it. It may have been moved by less than noise shows."""
 _BESIDE, _SAME_THING_M = 4, 0.15
 _MIN_PRECISION = 1e-3
 _LEAST_SHARE = 0.3
@@ -168,6 +170,7 @@ def edge_likelihoods(
     limits: FloatArray,
     outliers: FloatArray,
     shares: FloatArray,
+    absent: FloatArray,
     predicted: FloatArray,
     likelihoods: FloatArray,
 ) -> None:
@@ -176,6 +179,7 @@ def edge_likelihoods(
     The density of the beam model, times the square root of 2 pi; a beam of which nothing can be
     said has the same everywhere. Light that an edge splits gives anything between its two walls,
     that which the beam sees and that of a neighbour (N,) predicted. shares: (2,) of `mixing_shares`.
+    absent: (E,) of `share_absent`; of what is not there at all nothing can be said.
     """
     for e in range(beams.shape[0]):
         i = beams[e]
@@ -186,7 +190,7 @@ def edge_likelihoods(
                 far = max(far, ranges[e, k])
         behind = outliers[0] * _ROOT_TWO_PI
         if far > 0.0:
-            behind += _ABSENT * density(z, far, noise, limits)
+            behind += absent[e] * density(z, far, noise, limits)
         left = predicted[i + 1] if i + 1 < predicted.shape[0] else np.inf
         right = predicted[i - 1] if i > 0 else np.inf
         for k in range(ranges.shape[1]):
@@ -195,7 +199,7 @@ def edge_likelihoods(
             if math.isfinite(h):
                 clean = density(z, h, noise, limits)
                 told = density_beside(z, h, clean, left, right, noise, shares)
-                likelihoods[e, k] += (1.0 - _ABSENT) * told
+                likelihoods[e, k] += (1.0 - absent[e]) * told
 
 
 @compiled
@@ -209,23 +213,30 @@ def density(z: float, h: float, noise: FloatArray, limits: FloatArray) -> float:
 
 
 @compiled
-def is_refuted(
+def share_absent(
     i: int,
     near: float,
     predicted: FloatArray,
     measured: FloatArray,
     noise: FloatArray,
     is_kept: BoolArray,
-) -> bool:
-    """Whether the thing whose edge beam i passes is not there: its neighbours on it see past it."""
-    on_it = past_it = 0
+) -> float:
+    """Probability that the thing whose edge beam i passes is not there, by its neighbours on it.
+
+    1 where they see past it; that of anything on the map where none of them tells.
+    """
+    on_it = past_it = met = 0
     for j in range(max(i - _BESIDE, 0), min(i + _BESIDE + 1, predicted.shape[0])):
         if not is_kept[j] or not math.isfinite(measured[j]):
             continue
         if abs(predicted[j] - near) < _SAME_THING_M:
+            off = (measured[j] - predicted[j]) / sigma_at(noise, predicted[j])
             on_it += 1
-            past_it += measured[j] - predicted[j] > 4.0 * sigma_at(noise, predicted[j])
-    return past_it > 0 and 2 * past_it >= on_it
+            past_it += off > 4.0
+            met += abs(off) < 3.0
+    if past_it > 0 and 2 * past_it >= on_it:
+        return 1.0
+    return _ABSENT if met == 0 else _ABSENT_THOUGH_MET
 
 
 @compiled

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside
+from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside, share_absent
 from slam.kernels.mixed_pixels import density_beside, mixing_shares, slope_and_bend
 from slam.kernels.smooth_beams import keep_smooth
 from slam.se2 import SE2
@@ -128,7 +128,7 @@ def test_beam_that_measures_its_wall_says_that_it_is_on_the_side_where_none_is_m
     edge_likelihoods(
         ranges_m, np.array([9]), np.where(np.arange(400) == 9, 2.4, PLATEAUS_M), NOISE,
         np.array([0.0, 10.0]), np.array([1e-3, 0.25]), np.array([0.3, 0.01]),
-        PLATEAUS_M, likelihoods,
+        np.array([0.05]), PLATEAUS_M, likelihoods,
     )  # fmt: skip
     # mixed, it has the edge to its left, where thirty times as many are: but for the outliers' floor
     assert likelihoods[0, 0] / likelihoods[0, 1] > 20.0
@@ -173,6 +173,17 @@ def test_flat_wall_seen_by_beams_close_together_tells_all_that_its_noise_leaves(
     found = slope_and_bend(3.01, 3.0, 3.05, 2.95, 0.02, np.array([0.2, 0.2]), 0.01)
     assert found[1] == pytest.approx(1.0 / 0.02**2, rel=0.01)
     assert found[2] > 0.99
+
+
+@pytest.mark.parametrize(
+    ("off_m", "absent"), [(0.01, 0.02), (0.5, 1.0), (-0.5, 0.05)], ids=["met", "through", "hidden"]
+)
+def test_thing_on_which_a_beam_beside_ends_is_there(off_m, absent):
+    # beams 10 to 19 see a thing at 3 m in front of nothing; beam 20 passes its edge
+    predicted_m = np.where(np.arange(40) // 10 == 1, 3.0, np.inf)
+    measured_m = predicted_m + off_m
+    kept_beams = np.ones(40, dtype=np.bool_)
+    assert share_absent(20, 3.0, predicted_m, measured_m, NOISE, kept_beams) == absent
 
 
 @pytest.mark.parametrize("seed", range(4))
