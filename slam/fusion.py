@@ -14,7 +14,7 @@ from slam.se2 import SE2
 _WIDEST = np.array([100.0, 100.0, 2.0 * np.pi])
 """Chosen: standard deviations [m], [m], [rad] beyond which a pose is not known at all; to a filter
 of first order wider ones mean nothing, and 1e5 m beside a millimetre is lost in rounding."""
-_SHIFT = 8
+_LAG, _SHIFT = 7, 8
 _TURNING_RADPS = 0.05
 """Chosen: slower turns to either side are what a robot that drives straight makes."""
 _ANOTHER_VIEW = 1.0
@@ -70,6 +70,9 @@ class PoseFilter:
         self._deviations = np.array(deviations)
         self._velocity: FloatArray | None = None
         self._side = 0.0
+        self._is_timed = False
+        self.motion_sigma: FloatArray = np.zeros(3)
+        """Of the latest motion, by what is not known of how the body follows the wheels."""
         self._P: FloatArray = np.zeros((9, 9))
         self._P[3:, 3:] = np.diag(np.square(deviations))
         self.restart(T_map_base, covariance)
@@ -88,13 +91,12 @@ class PoseFilter:
         """Moves on by what the wheels told over some time [s]; the motion as it truly was.
 
         covariance: (3, 3) of the noise at its end. duration_s: inf where it is not known; then
-        nothing is said of a change of speed, now or by the next motion.
+        nothing is said of a change of speed, now or by the next motion. The first of which it is
+        known may be a start from rest.
         """
         v, y, w = motion.log()
         velocity = motion.log() / duration_s
-        change = np.zeros(3)
-        if np.isfinite(duration_s) and self._velocity is not None:
-            change = velocity - self._velocity
+        change, creep = self._changed(velocity, np.isfinite(duration_s))
         self._velocity = velocity if np.isfinite(duration_s) else None
         self._turn_to(velocity[2])
         forward, turn, curvature, slip, lag, shift = self.wheel_errors
@@ -113,11 +115,28 @@ class PoseFilter:
         transition[1, 4], transition[1, 5] = v * w / 2.0, v * v / 2.0
         transition[1, 6] = v * velocity[2]
         self._P = transition @ self._P @ transition.T
-        creep = self._wheels.lag_noise_s * np.array([change[0], 0.0, change[2]])
-        self._P[:3, :3] += covariance + np.diag(creep**2)
+        self._P[:3, :3] += covariance + np.diag([creep[0] ** 2, 0.0, creep[2] ** 2])
         self._narrow()
         self.T_map_base = self.T_map_base @ moved
         return moved
+
+    def _changed(
+        self, velocity: FloatArray, is_timed: np.bool_ | bool
+    ) -> tuple[FloatArray, FloatArray]:
+        """(3,) by how much the velocity has changed, and by how much more or less than the lag learnt
+        makes of it the body may have followed: a standard deviation."""
+        self.motion_sigma, wheels = np.zeros(3), self._wheels
+        if not is_timed:
+            return np.zeros(3), np.zeros(3)
+        if self._velocity is not None:
+            change = velocity - self._velocity
+            lag_s = np.hypot(np.sqrt(self._P[_LAG, _LAG]), wheels.lag_noise_s)
+            self.motion_sigma = lag_s * change
+            return change, wheels.lag_noise_s * change
+        if not self._is_timed:  # of a robot of which nothing is known: it may just have started
+            self.motion_sigma = wheels.lag_s * velocity
+        self._is_timed = True
+        return np.zeros(3), self.motion_sigma
 
     def _turn_to(self, turn_rate_radps: float) -> None:
         """Forgets the way forward per radian where the robot now turns to its other side."""

@@ -226,7 +226,8 @@ class Localizer:
         duration_s = self._straightener.duration_s(time_s, motion)
         moved = self._filter.predict(motion, duration_s, noise)
         self._viewpoint.move(moved)
-        self._straightener.take_motion(time_s, beam_times_s, moved, duration_s)
+        sigma = self._filter.motion_sigma
+        self._straightener.take_motion(time_s, beam_times_s, moved, duration_s, sigma)
         return moved
 
     def _beams_of(self, scan: LaserScan) -> Beams:

@@ -62,6 +62,7 @@ class Straightener:
         self._lead_s = 0.0
         self._motion: BodyMotion | None = None
         self._moved: FloatArray = np.zeros(3)
+        self._sigma: FloatArray = np.zeros(3)
         self._straightened: tuple[LaserScan, Beams] | None = None
 
     def duration_s(self, time_s: float, motion: SE2) -> float:
@@ -69,9 +70,18 @@ class Straightener:
         return self._clock.duration_s(time_s, motion)
 
     def take_motion(
-        self, time_s: float, beam_times_s: FloatArray | None, moved: SE2, duration_s: float
+        self,
+        time_s: float,
+        beam_times_s: FloatArray | None,
+        moved: SE2,
+        duration_s: float,
+        sigma: FloatArray | None = None,
     ) -> None:
-        """Notes the motion up to a stamp; none where it is not known how long it took."""
+        """Notes the motion up to a stamp; none where it is not known how long it took.
+
+        sigma: (3,) of the motion [m], [m], [rad]; by default as good as none.
+        """
+        self._sigma = np.zeros(3) if sigma is None else sigma
         end_s = time_s
         if beam_times_s is not None and len(beam_times_s):
             if self._clock.is_told:
@@ -117,6 +127,8 @@ class Straightener:
     ) -> ScanMatch:
         """The match of a scan straightened by a motion, or by others of the same way, mixed."""
         unknown = self._after_stamp(scan, motion)
+        # the scan tells where the robot was amid its sweep: from there on goes half of the motion
+        unknown = unknown + np.diag((self._sigma / 2.0) ** 2)
         if self._clock.jitter_s > _NO_JITTER_S:
             jitter_s = _JITTERED * self._clock.jitter_s
             unknown = unknown + motion.lateness(jitter_s, self._lever_m(scan))
@@ -239,7 +251,10 @@ def _less_sure(match: ScanMatch, motion: BodyMotion) -> ScanMatch:
     """A match, less sure by what the motion that straightened its scan does not know."""
     if match.information is None:
         return match
-    return replace(match, information=motion.less_sure(match.information))
+    smooth = match.smooth
+    if smooth is not None:
+        smooth = replace(smooth, information=motion.less_sure(smooth.information))
+    return replace(match, information=motion.less_sure(match.information), smooth=smooth)
 
 
 def _likeliest(found: list[ScanMatch], log_odds: FloatArray) -> ScanMatch:

@@ -108,6 +108,8 @@ def test_each_error_of_the_wheels_spreads_as_finite_differences_say(index):
         pose_filter.predict(SE2.exp(told), STEP_S, NO_NOISE)
     slope = (ended(index, 0.0).inverse() @ ended(index, 1e-6)).log() / 1e-6
     expected = np.outer(slope, slope) * 0.01**2
+    if index == 4:  # the lag of a robot that may just have started with the first of them
+        expected[2, 2] += (0.01 * CHANGING[0][2] / STEP_S) ** 2
     # errors ahead are taken at the step's end, half of its turn away: 0.05 rad of 0.1, in a square
     # twice; metres and radians apart
     found = pose_filter.covariance
@@ -267,6 +269,19 @@ def test_first_motion_of_unknown_duration_has_no_speed():
     pose_filter.predict(SE2(0.1, 0.0, 0.1), np.inf, STEP_COVARIANCE)
     assert np.isfinite(pose_filter.covariance).all()
     assert pose_filter.T_map_base == SE2.identity() @ SE2.exp(SE2(0.1, 0.0, 0.1).log())
+
+
+def test_first_motion_that_is_timed_may_have_been_a_start():
+    wheels = WheelPrior(*[0.0] * 4, lag_s=0.01, turn_shift_m=0.0, lag_noise_s=0.0)
+    pose_filter = PoseFilter(SE2.identity(), NO_NOISE, wheels)
+    pose_filter.predict(SE2.identity(), np.inf, NO_NOISE)
+    pose_filter.predict(SE2.exp([0.02, 0.0, 0.05]), STEP_S, NO_NOISE)
+    # by all of 0.2 m/s and 0.5 rad/s, and nobody knows whether its body followed at once
+    started = [0.002, 0.0, 0.005]
+    np.testing.assert_allclose(pose_filter.covariance, np.diag(started) ** 2, atol=1e-12)
+    np.testing.assert_allclose(pose_filter.motion_sigma, started, atol=1e-12)
+    pose_filter.predict(SE2.exp([0.02, 0.0, 0.05]), STEP_S, NO_NOISE)
+    np.testing.assert_allclose(pose_filter.motion_sigma, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("sigma", [1e3, 1e5, 1e6, np.inf])
