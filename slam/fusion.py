@@ -8,6 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.heavy_tails import (
+    EDGES,
+    SLIPS_M,
+    SMOOTH,
+    WHOLE,
+    SlipOdds,
+    Tails,
+    corrected,
+    slip_covariance,
+)
 from slam.scan_match import PoseInformation, ScanMatch
 from slam.se2 import SE2
 
@@ -15,6 +25,8 @@ _WIDEST = np.array([100.0, 100.0, 2.0 * np.pi])
 """Chosen: standard deviations [m], [m], [rad] beyond which a pose is not known at all; to a filter
 of first order wider ones mean nothing, and 1e5 m beside a millimetre is lost in rounding."""
 _LAG, _SHIFT = 7, 8
+_VAGUE = 10.0
+"""Chosen: times a match's variance, of a prediction that has no say."""
 _TURNING_RADPS = 0.05
 """Chosen: slower turns to either side are what a robot that drives straight makes."""
 _ANOTHER_VIEW = 1.0
@@ -70,6 +82,7 @@ class PoseFilter:
         self._deviations = np.array(deviations)
         self._velocity: FloatArray | None = None
         self._side = 0.0
+        self._slips = SlipOdds()
         self._is_timed = False
         self.motion_sigma: FloatArray = np.zeros(3)
         """Of the latest motion, by what is not known of how the body follows the wheels."""
@@ -150,14 +163,19 @@ class PoseFilter:
             self._P[_SHIFT, _SHIFT] = self._deviations[_SHIFT - 3] ** 2
         self._side = side
 
-    def innovation(self, T_map_base: SE2, information: FloatArray) -> float:
+    def innovation(
+        self, T_map_base: SE2, information: FloatArray, *, after_slip: bool = False
+    ) -> float:
         """Normalised innovation squared of a match (3 on average where all is as assumed).
 
-        Directions of which the match has no information do not count.
+        Directions of which the match has no information do not count. after_slip: had the wheels
+        slipped as far as they may.
         """
         innovation = (self.T_map_base.inverse() @ T_map_base).log()
         # (P + R)^-1 = R^-1 - R^-1 (P^-1 + R^-1)^-1 R^-1, which needs no R where there is none
         P = self._P[:3, :3]
+        if after_slip:
+            P = P + slip_covariance(float(SLIPS_M[-1]))
         gain = np.linalg.solve(np.eye(3) + information @ P, information)
         return float(innovation @ gain @ innovation)
 
@@ -177,12 +195,43 @@ class PoseFilter:
         self.T_map_base = self.T_map_base @ SE2.exp(error[:3])
         self.wheel_errors = self.wheel_errors + error[3:]
 
-    def loosen(self, factor: float) -> None:
-        """Makes the pose's variance larger by a factor, as after a slip that no noise foresaw."""
-        root = np.sqrt(factor)
-        self._P[:3, :] *= root
-        self._P[:, :3] *= root
+    def take(self, match: ScanMatch, scale: float = 1.0) -> None:
+        """Corrects the pose by a match that may err more than it says, if the wheels did not slip.
+
+        scale: of its covariance. What its edges tell is taken for itself where the match tells it
+        apart: if they lead astray, the rest still holds. A pose that is known far worse than by the
+        match tells nothing of its error: then it is as sure as it says.
+        """
+        assert match.information is not None
+        if self._is_vague(match.information / scale):
+            self._slips.clear()
+            self.update(match.T_map_base, match.information / scale)
+            return
+        smooth = match.smooth or PoseInformation(match.T_map_base, match.information)
+        information = smooth.information / scale
+        pull = information @ (self.T_map_base.inverse() @ smooth.T_map_base).log()
+        tails = WHOLE if match.smooth is None else SMOOTH
+        self._slips.take(self._correct(pull, information, tails, self._slips.odds))
+        edges = match.information / scale - information
+        if not edges.any():
+            return
+        back = self.T_map_base.inverse()
+        pull = match.information / scale @ (back @ match.T_map_base).log()
+        pull = pull - information @ (back @ smooth.T_map_base).log()
+        self._correct(pull, edges, EDGES, None)
+
+    def _is_vague(self, information: FloatArray) -> bool:
+        """Whether the pose is known far worse than by a match of this information, every way."""
+        return bool(np.linalg.eigvals(information @ self._P[:3, :3]).real.min() > _VAGUE)
+
+    def _correct(
+        self, pull: FloatArray, information: FloatArray, tails: Tails, slips: FloatArray | None
+    ) -> FloatArray:
+        error, self._P, of_slips = corrected(self._P, pull, information, tails, slips)
+        self.T_map_base = self.T_map_base @ SE2.exp(error[:3])
+        self.wheel_errors = self.wheel_errors + error[3:]
         self._narrow()
+        return of_slips
 
     def restart(self, T_map_base: SE2, covariance: FloatArray) -> None:
         """Forgets the pose, not the wheels: the robot is where a match says.
@@ -190,6 +239,7 @@ class PoseFilter:
         covariance: (3, 3); beyond 100 m or a full turn it counts as so much.
         """
         self.T_map_base = T_map_base
+        self._slips.clear()
         self._P[:3, :] = 0.0
         self._P[:, :3] = 0.0
         is_known = np.isfinite(covariance)

@@ -41,9 +41,9 @@ class LocalizerConfig:
     one.
     fuse: join a match that knows its covariance with the prediction; otherwise it replaces it.
     start_sigma_m, start_sigma_rad: how uncertain the first pose is, on each axis. max_nis:
-    normalised innovation squared beyond which match and prediction contradict each other: a match
-    that explains the scan is then believed alone. chosen: 30 is exceeded by chance once in a
-    million. slip_nis: beyond it the prediction's variance is made to fit, since wheels do slip.
+    normalised innovation squared beyond which match and prediction contradict each other, even if
+    the wheels slipped: a match that explains the scan is then believed alone. chosen: 30 is exceeded
+    by chance once in a million.
     max_match_scale: by how much the innovations seen may widen the matches' covariances. They never
     narrow them: small innovations may mean just as well that the wheels err less than assumed.
     """
@@ -56,7 +56,6 @@ class LocalizerConfig:
     start_sigma_m: float = 0.1
     start_sigma_rad: float = 0.1
     max_nis: float = 30.0
-    slip_nis: float = 12.0
     max_match_scale: float = 10.0
     wheels: WheelPrior = field(default_factory=WheelPrior)
 
@@ -64,8 +63,8 @@ class LocalizerConfig:
         starts = (self.start_sigma_m, self.start_sigma_rad)
         if not all(math.isfinite(sigma) and sigma > 0.0 for sigma in starts):
             raise ValueError(f"start_sigma_m and start_sigma_rad must be above 0, not {starts}")
-        if not 0.0 < self.slip_nis <= self.max_nis:
-            raise ValueError(f"0 < slip_nis <= max_nis, not {self.slip_nis} and {self.max_nis}")
+        if not self.max_nis > 0.0:
+            raise ValueError(f"max_nis must be above 0, not {self.max_nis}")
         if not 1.0 <= self.max_match_scale < math.inf:
             raise ValueError(f"max_match_scale must be 1 or more, not {self.max_match_scale}")
         if not self.range_max_m > 0.0:
@@ -259,10 +258,8 @@ class Localizer:
         assert whole.information is not None
         information = match.information / self._match_scale
         nis = self._filter.innovation(match.T_map_base, information)
-        if nis <= self.config.max_nis:
-            if nis > self.config.slip_nis:
-                self._filter.loosen(nis / _DIMENSIONS)
-            self._filter.update(match.T_map_base, information)
+        if nis <= self.config.max_nis or not self._is_elsewhere(match):
+            self._filter.take(match, self._match_scale)
             self._viewpoint.take()
             self._learn_scale(nis)
         elif match.is_matched:
@@ -270,6 +267,13 @@ class Localizer:
             self._viewpoint.take(is_anew=True)
         self._claims_nothing = False
         return nis
+
+    def _is_elsewhere(self, match: ScanMatch) -> bool:
+        """Whether a match is farther from the prediction than wheels may slip."""
+        assert match.information is not None
+        information = match.information / self._match_scale
+        nis = self._filter.innovation(match.T_map_base, information, after_slip=True)
+        return nis > self.config.max_nis
 
     def _learn_scale(self, nis: float) -> None:
         """Innovations tell how wide the matches' covariances truly are (Mehra, 1972)."""

@@ -253,17 +253,6 @@ def test_restart_forgets_the_pose_and_keeps_the_wheels():
     np.testing.assert_allclose(other.wheel_errors, 0.0, atol=1e-12)
 
 
-def test_loosened_pose_has_the_variance_asked_for_and_stays_a_covariance():
-    pose_filter = PoseFilter(SE2.identity(), START_COVARIANCE)
-    for told in way(10):
-        pose_filter.predict(SE2.exp(told), STEP_S, STEP_COVARIANCE)
-    before = pose_filter.covariance
-    pose_filter.loosen(4.0)
-    np.testing.assert_allclose(pose_filter.covariance, 4.0 * before, rtol=1e-12)
-    pose_filter.update(SE2(0.1, 0.1, 0.1), np.eye(3) * 1e6)
-    assert (np.linalg.eigvalsh(pose_filter.covariance) > 0.0).all()
-
-
 def test_first_motion_of_unknown_duration_has_no_speed():
     pose_filter = PoseFilter(SE2.identity(), START_COVARIANCE)
     pose_filter.predict(SE2(0.1, 0.0, 0.1), np.inf, STEP_COVARIANCE)
