@@ -60,11 +60,14 @@ class OdometryNoise:
     wheel rolled; turning adds scrub of the contact, so the heading also with the angle turned.
     Values chosen: 3 mm after a metre of each wheel, which with a track of 0.3 m is 0.8 degrees per
     metre driven straight; 2 degrees per turn on the spot, a track known to 0.5 %.
+    pivot_m_per_sqrt_turn: ahead and aside, as far as the wheels turn against each other, tires
+    scrub; by default no more than they do anyway.
     """
 
     wheel_travel_m_per_sqrt_m: float = 0.003
     lateral_m_per_sqrt_m: float = 0.003
     heading_rad_per_sqrt_turn: float = 0.035
+    pivot_m_per_sqrt_turn: float = 0.0
     # chosen: far below a tick; keeps the matrix invertible while the robot stands
     floor_m: float = 1e-4
     floor_rad: float = 1e-4
@@ -78,6 +81,9 @@ class OdometryNoise:
         across = self.lateral_m_per_sqrt_m**2 * float(np.abs(travel_m).mean())
         heading = (left_variance + right_variance) / drive.track_m**2
         heading += self.heading_rad_per_sqrt_turn**2 * turns
+        against_m = (np.abs(travel_m).sum() - abs(travel_m.sum())) / 2.0
+        pivot = self.pivot_m_per_sqrt_turn**2 * against_m / drive.track_m / math.pi
+        along, across = along + pivot, across + pivot
         along_heading = (right_variance - left_variance) / (2.0 * drive.track_m)
         covariance = np.diag([along, across, heading])
         covariance[0, 2] = covariance[2, 0] = along_heading

@@ -1,6 +1,7 @@
 """Odometry against closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,3 +77,17 @@ def test_drive_without_track_is_refused():
         DifferentialDrive((0.05, 0.05), 0.0, 2000)
     with pytest.raises(ValueError, match=r"shape \(2,\)"):
         DRIVE.motion([1, 2, 3])
+
+
+def test_tires_scrub_as_far_as_the_wheels_turn_against_each_other():
+    plain = OdometryNoise()
+    scrubbing = replace(plain, pivot_m_per_sqrt_turn=0.01)
+
+    def more(left: float, right: float) -> np.ndarray:
+        return scrubbing.covariance(DRIVE, [left, right]) - plain.covariance(DRIVE, [left, right])
+
+    turn = DRIVE.ticks_per_turn * DRIVE.track_m / (2.0 * DRIVE.wheel_radius_m[0])
+    # a turn on the spot; a bend about a point beside both wheels; about one of them
+    np.testing.assert_allclose(more(-turn, turn), np.diag([1e-4, 1e-4, 0.0]), atol=1e-12)
+    np.testing.assert_allclose(more(turn, 2.0 * turn), 0.0, atol=1e-12)
+    np.testing.assert_allclose(more(0.0, turn), 0.0, atol=1e-12)
