@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.kernels.gaussian_sum import gaussian_sum
 
+_NEARLY_NOTHING = 1e-18
+"""Square metres, or radians: keeps a variance of nothing above it."""
+_LEAST = 1e-300
+"""Of odds, and of information, so that it has a logarithm."""
 _NONE = np.array([100.0, 100.0, 2.0 * np.pi]) ** -2.0
 """Information of a match that tells nothing: to a filter of first order wider means no more."""
 _TRACK_M = 0.3
@@ -90,9 +93,47 @@ def corrected(
     sigmas, odds = _NO_SLIP, _SURE
     if slip_odds is not None:
         sigmas, odds = _SLIPS, np.append(1.0 - slip_odds.sum(), slip_odds)
-    mean, covariance, of_slips = np.empty(len(P)), np.empty(P.shape), np.empty(len(odds))
-    gaussian_sum(
-        P, pull, information, _NONE, sigmas, odds, np.array(tails.factors), np.array(tails.odds), mean,
-        covariance, of_slips,
-    )  # fmt: skip
-    return mean, covariance, of_slips[1:]
+    mean, covariance, of_widths = _gaussian_sum(P, pull, information, (sigmas, odds), tails)
+    return mean, covariance, of_widths[1:]
+
+
+def _gaussian_sum(
+    P: FloatArray,
+    pull: FloatArray,
+    information: FloatArray,
+    widenings: tuple[FloatArray, FloatArray],
+    tails: Tails,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """As `corrected`; widenings: (W, 3, 3) that may have been added to P, and the odds of each; they
+    come back as (W,), given the match."""
+    wide = P[:3, :3] + widenings[0]
+    # where prediction and match are both diagonal, (W, 3), the prediction's variance is one
+    root = np.linalg.cholesky(wide + _NEARLY_NOTHING * np.eye(3))
+    told, axes = np.linalg.eigh(root.mT @ (information + np.diag(_NONE)) @ root)
+    none = np.einsum("k,wkj->wj", _NONE, (root @ axes) ** 2)
+    drawn = np.einsum("wkj,k->wj", root @ axes, pull)
+    beside = np.repeat(P[np.newaxis, :, :3], len(wide), axis=0)
+    beside[:, :3] = wide
+    levers = beside @ np.linalg.solve(root.mT, axes)
+    is_told = told > 2.0 * none
+    off = np.where(is_told, drawn / np.where(is_told, told, 1.0), 0.0)
+    factors = np.array(tails.factors)[:, np.newaxis]
+    # (W, F, 3); how wide a match is along what it does not tell says nothing
+    told, off, is_told = (array[:, np.newaxis] for array in (told, off, is_told))
+    shares = np.where(is_told, told / (told + factors), 0.0)
+    positive = np.maximum(told, _LEAST)
+    spread = np.log1p(np.where(is_told, factors, 1.0) / positive)
+    likely = -0.5 * np.sum(np.where(told > 0.0, spread + off**2 * shares, 0.0), axis=2)
+    likely -= np.log(np.einsum("wkk->wk", root)).sum(axis=1)[:, np.newaxis]
+    likely += np.log(np.maximum(np.outer(widenings[1], tails.odds), _LEAST))
+    weights = np.exp(likely - likely.max())
+    weights /= weights.sum()
+    means = np.einsum("wnk,wfk->wfn", levers, shares * off)
+    mean = np.einsum("wf,wfn->n", weights, means)
+    astray = means - mean
+    covariance = P + np.einsum("wf,wfn,wfm->nm", weights, astray, astray)
+    of_widths = weights.sum(axis=1)
+    covariance[:3, :3] += np.einsum("w,wnm->nm", of_widths, widenings[0])
+    known = np.einsum("wf,wfk->wk", weights, shares)
+    covariance -= np.einsum("wnk,wk,wmk->nm", levers, known, levers)
+    return mean, covariance, of_widths
