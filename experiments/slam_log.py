@@ -242,15 +242,16 @@ def write_results(result: SlamLog, folder: Path) -> None:
     """Writes summary.json, trajectory.tum, pose_graph.g2o, map.kitasap, map.yaml, map.pgm.
 
     Of a map of several sessions sessions.tum too: the scans of all, each session below its number.
-    Raises OSError if it cannot.
+    Raises OSError if it cannot; ValueError, with nothing written, for a map without any scan.
     """
+    grid = result.slam_map.grid()
     folder.mkdir(parents=True, exist_ok=True)
     write_tum(folder / "trajectory.tum", result.trajectory)
     if result.slam_map.session_count > 1:
         write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
     write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
     write_slam_map(folder / "map.kitasap", result.slam_map)
-    write_map(folder / "map.yaml", result.slam_map.grid())
+    write_map(folder / "map.yaml", grid)
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
 
 

@@ -40,8 +40,9 @@ class FrontEndConfig:
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
     pose found around must be better; better_against: one that the wheels contradict: odometry that
     jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
-    where the scans broke off. min_points: fewer tell nothing. range_max_m: farther ends of beams
-    are left out. Chosen, all of these.
+    where the scans broke off. min_points: fewer tell nothing. most_blind_m: by the wheels alone; after
+    more, they lie outside of what is searched, and a scan that fits may be one that looks the same.
+    range_max_m: farther ends of beams are left out. Chosen, all of these.
     """
 
     surfaces: SurfaceMapConfig = field(default_factory=SurfaceMapConfig)
@@ -59,6 +60,7 @@ class FrontEndConfig:
     better_against: float = 0.24
     break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
     min_points: int = 20
+    most_blind_m: float = 5.0
     range_max_m: float = 40.0
 
 
@@ -117,6 +119,7 @@ class FrontEnd:
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
         self._last_scan: LaserScan | None = None
+        self._blind_m = 0.0
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
@@ -136,6 +139,9 @@ class FrontEnd:
         elif status is StepStatus.BROKEN:
             self._P = self._P + np.diag(np.square(self.config.break_sigma))
         is_new = self._is_new(status, points)
+        self._blind_m += math.hypot(measurement.motion.x, measurement.motion.y)
+        if is_new or match is not None:
+            self._blind_m = 0.0
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
@@ -164,6 +170,8 @@ class FrontEnd:
         is_frozen = last is not None and scan.repeats(last)
         if len(points) < config.min_points or is_frozen or not self._window:
             return None, StepStatus.CARRIED
+        if self._blind_m > config.most_blind_m:
+            return None, StepStatus.BROKEN
         odometry = np.asarray(np.linalg.inv(self._P), dtype=np.float64)
         match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
         innovation = (T_predicted.inverse() @ match.T_map_base).log()

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray, IntArray
 from slam.contradictions import passed
-from slam.front_end import Keyframe
+from slam.front_end import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.se2 import SE2
 
@@ -29,7 +29,8 @@ class ConsistencyConfig:
     wall, a beam misses it by a hair where poses are right. bad_pair: a pair in which so many were,
     most_bad_pairs: share of such pairs; from doubtful_pairs on, more loops may help. beside: so few
     keyframes off, one loop says what another does. most_rejected: share of the loops that the others
-    contradict. Chosen on maps of five buildings and on the same maps with errors put in.
+    contradict. most_blind_m: by the wheels alone, before the first scan that tells anything or after
+    the last. Chosen on maps of five buildings and on the same maps with errors put in.
     """
 
     radius_m: float = 3.0
@@ -41,6 +42,7 @@ class ConsistencyConfig:
     doubtful_pairs: float = 0.0075
     beside: int = 10
     most_rejected: float = 0.35
+    most_blind_m: float = 5.0
     margins: tuple[float, float] = (0.25, 0.03)
     aside_m: float = 0.1
 
@@ -111,6 +113,33 @@ def acquitted(
                 f" {keyframes[one.later].time_s:.2f} s may show one place, which the map has twice"
             )
             break
+    return replace(verdict, is_good=not reasons, reasons=tuple(reasons))
+
+
+def checked_for_blindness(
+    verdict: MapVerdict, steps: Sequence[FrontEndStep], config: ConsistencyConfig
+) -> MapVerdict:
+    """The verdict on a map of these scans, if sessions that began or ended blind are no good.
+
+    There a robot went a long way by its wheels alone, and nothing tells how far these were off.
+    """
+    reasons = list(verdict.reasons)
+    if steps and not any(step.is_keyframe for step in steps):
+        reasons.append("no scan tells anything: there is nothing on the map")
+    for session in sorted({step.session for step in steps}):
+        own = [step for step in steps if step.session == session]
+        tells = [step.is_keyframe or step.status is not StepStatus.CARRIED for step in own]
+        parts = [own]
+        if any(tells):
+            parts = [own[: tells.index(True) + 1], own[-1 - tells[::-1].index(True) :]]
+        for part in parts:
+            places = np.array([(step.T_map_base.x, step.T_map_base.y) for step in part])
+            way_m = float(np.hypot(*np.diff(places, axis=0).T).sum())
+            if way_m > config.most_blind_m:
+                reasons.append(
+                    f"from {part[0].time_s:.2f} to {part[-1].time_s:.2f} s, over {way_m:.0f} m, no"
+                    " scan tells where the robot is: these poses are the wheels' alone"
+                )
     return replace(verdict, is_good=not reasons, reasons=tuple(reasons))
 
 

@@ -12,7 +12,13 @@ from slam.arrays import FloatArray
 from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
 from slam.joint_adjustment import AdjustmentConfig, jointly_adjusted
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
-from slam.map_consistency import ConsistencyConfig, acquitted, do_contradict, judged
+from slam.map_consistency import (
+    ConsistencyConfig,
+    acquitted,
+    checked_for_blindness,
+    do_contradict,
+    judged,
+)
 from slam.measurements import Measurement
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
@@ -142,6 +148,13 @@ class Mapper:
         asked, and less complete matches will do. What comes of it is kept if the map holds together
         better; a map that had failed is not acquitted by such loops alone.
         """
+        slam_map = self._held_together()
+        config = self.config.consistency
+        verdict = checked_for_blindness(slam_map.verdict, slam_map.steps, config)
+        return replace(slam_map, verdict=verdict)
+
+    def _held_together(self) -> SlamMap:
+        """The map with all loops, and with laxer ones if those make it hold together better."""
         config = self.config
         slam_map = again = self._finished(self._closer, config.loops.every)
         first = slam_map.verdict

@@ -155,3 +155,13 @@ def test_rover_is_mapped_by_the_wheels_that_its_drive_shows(tmp_path):
     assert left == pytest.approx(right, rel=0.01)
     ratio = wheels["calibrated"]["track_m"] / left * 0.077 / 0.33
     assert 0.88 < ratio < 0.93
+
+
+def test_log_whose_laser_tells_nothing_is_refused_and_leaves_the_folder_as_it_was(tmp_path, capsys):
+    log, out = tmp_path / "blind.clf", tmp_path / "out"
+    line = " ".join(["FLASER", "180", *["81.83"] * 180, *["0"] * 6, "{}", "host", "{}"])
+    log.write_text("\n".join(line.format(k, k) for k in range(3)) + "\n")
+    assert "no beam of the scans tells anything" in refusal(
+        capsys, "slam", str(log), "--out", str(out)
+    )
+    assert not out.exists()

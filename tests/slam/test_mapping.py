@@ -89,6 +89,41 @@ def test_laser_that_froze_is_carried_by_the_wheels(poses):
     assert ate_m(found, poses) < 0.06
 
 
+def blinded(measurements, first: int, last: int):
+    """The same with a laser that says nothing from one scan to before another."""
+    return [
+        replace(one, scan=replace(one.scan, ranges_m=np.full_like(one.scan.ranges_m, np.nan)))
+        if first <= k < last
+        else one
+        for k, one in enumerate(measurements)
+    ]
+
+
+def test_scans_after_a_long_way_by_the_wheels_alone_are_matched_with_none_before(poses):
+    # 9 m: what fits then may be a place that looks the same
+    found = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), 100, 160))
+    assert found.steps[160].status is StepStatus.BROKEN
+    # the lap is closed behind it, which ties both parts
+    assert found.verdict.is_good
+    short = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), 100, 120))
+    assert short.steps[120].status is not StepStatus.BROKEN
+    assert short.verdict.is_good
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 60), (340, 1000)])
+def test_map_of_a_drive_that_began_or_ended_blind_is_called_failed(poses, first, last):
+    found = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), first, last))
+    assert not found.verdict.is_good
+    assert "no scan tells where the robot is" in found.verdict.reasons[0]
+    # of a robot that stood there, the wheels tell all
+    blind = blinded(ring.drive(poses, np.random.default_rng(2)), first, last)
+    stood = [
+        replace(one, motion=SE2.identity()) if first <= k < last else one
+        for k, one in enumerate(blind)
+    ]
+    assert mapped(stood).verdict.is_good
+
+
 def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(poses):
     # to another corridor, which looks like the one before; no lap to close it
     there = 80
@@ -205,3 +240,5 @@ def test_drive_without_a_scan_that_tells_anything_has_an_empty_map(poses):
     found = mapped(measurements)
     assert found.poses.shape == (0, 3)
     assert len(found.trajectory) == 10
+    assert not found.verdict.is_good
+    assert found.verdict.reasons == ("no scan tells anything: there is nothing on the map",)
