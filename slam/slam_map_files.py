@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -33,6 +34,11 @@ _GLANCES = (
     "glance_ranges_m",
 )
 _Arrays = dict[str, np.ndarray]
+_DAMAGES = (
+    *(zipfile.BadZipFile, zlib.error, EOFError),
+    *(KeyError, ValueError, TypeError, NotImplementedError, RuntimeError, OverflowError),
+)
+"""What zipfile and NumPy raise on files that are cut, changed, locked by a password or something else."""
 
 
 def write_slam_map(path: str | Path, slam_map: SlamMap) -> None:
@@ -67,28 +73,29 @@ def read_slam_map(path: str | Path) -> SlamMap:
                 )
                 for name in archive.namelist()
             }
-        kind = str(arrays["kind"])
-    except (zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
+        kind, version = str(arrays["kind"]), int(arrays["version"])
+    except _DAMAGES as error:
         raise ValueError(
             f"{path.name}: expected a map written by this library, and it is cut, damaged or"
             f" something else ({error})"
         ) from None
     if kind != _KIND:
         raise ValueError(f"{path.name}: expected a {_KIND}, not a {kind!r}")
-    if not 1 <= int(arrays["version"]) <= VERSION:
+    if not 1 <= version <= VERSION:
         raise ValueError(
-            f"{path.name}: its version is {int(arrays['version'])}, and this library reads"
+            f"{path.name}: its version is {version}, and this library reads"
             f" 1 to {VERSION}: install the one that wrote it"
         )
-    if int(arrays["version"]) == 1:
+    if version == 1:
         for name in ("keyframe", "step"):
             arrays[f"{name}_sessions"] = np.zeros(len(arrays[f"{name}_times_s"]), np.int64)
-    if int(arrays["version"]) < 3:
+    if version < 3:
         arrays["glance_counts"] = np.zeros(len(arrays["keyframe_times_s"]), np.int64)
         arrays |= dict.fromkeys(_GLANCES, np.zeros(0, np.int64))
     try:
+        _check(arrays)
         return _map_of(arrays)
-    except (KeyError, IndexError, ValueError) as error:
+    except (KeyError, IndexError, TypeError, ValueError) as error:
         raise ValueError(f"{path.name}: the arrays in it do not make a map ({error})") from None
 
 
@@ -136,6 +143,22 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         ),
         "verdict_reasons": np.array(verdict.reasons, dtype=np.str_),
     }
+
+
+def _check(arrays: _Arrays) -> None:
+    """Raises ValueError for numbers that no map has, so that they are not taken for places."""
+    for name in ("poses", "keyframe_poses", "keyframe_ways", "keyframe_covariances", "points",
+                 "loop_ways", "loop_information", "step_ways", "step_poses", "glance_ways"):  # fmt: skip
+        if not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} are not finite")
+    count = len(arrays["keyframe_times_s"])
+    if not ((arrays["step_keyframes"] >= -1) & (arrays["step_keyframes"] < count)).all():
+        raise ValueError(f"scans are seen from keyframes that are not among the {count}")
+    for name in ("keyframe_sessions", "step_sessions"):
+        sessions = arrays[name]
+        most = len(arrays["step_times_s"])
+        if (np.diff(sessions, prepend=0) < 0).any() or sessions.max(initial=0) > most:
+            raise ValueError(f"{name} do not count up from 0")
 
 
 def _map_of(arrays: _Arrays) -> SlamMap:

@@ -98,6 +98,47 @@ def test_file_cut_anywhere_or_changed_is_refused_by_name(slam_map, tmp_path):
         read_slam_map(path)
 
 
+def test_file_with_one_byte_changed_is_refused_or_read_as_it_was(slam_map, tmp_path):
+    path, rng = tmp_path / "map.kitasap", np.random.default_rng(1)
+    write_slam_map(path, slam_map)
+    whole = path.read_bytes()
+    for at in rng.integers(len(whole), size=300):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ rng.integers(1, 256)]) + whole[at + 1 :])
+        try:
+            again = read_slam_map(path)
+        except ValueError as error:
+            assert str(error).startswith("map.kitasap: ")  # noqa: PT017
+        else:
+            np.testing.assert_array_equal(again.points, slam_map.points)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("version", None),
+        ("points", np.array("text")),
+        ("poses", np.nan),
+        ("step_keyframes", 10**6),
+        ("step_sessions", -1),
+    ],
+)
+def test_file_whose_arrays_make_no_map_is_refused_by_name(slam_map, tmp_path, name, value):
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, slam_map)
+    with np.load(path) as file:
+        arrays = dict(file)
+    if value is None:
+        del arrays[name]
+    elif np.ndim(value) == 0 and not isinstance(value, np.ndarray):
+        arrays[name].flat[0] = value
+    else:
+        arrays[name] = value
+    with path.open("wb") as out:
+        np.savez(out, **arrays)
+    with pytest.raises(ValueError, match=r"map\.kitasap: "):
+        read_slam_map(path)
+
+
 def test_later_version_is_refused(slam_map, tmp_path, monkeypatch):
     monkeypatch.setattr("slam.slam_map_files.VERSION", 4)
     write_slam_map(tmp_path / "map.kitasap", slam_map)
