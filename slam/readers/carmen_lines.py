@@ -140,7 +140,8 @@ def _poses_of(rest: list[str], is_robot: bool) -> list[str] | None:
 
 def _mark(ranges_m: FloatArray, no_return_m: float) -> None:
     """Writes invalid and missing ranges as `LaserScan` wants them."""
-    ranges_m[ranges_m < 0.0] = np.nan
+    # no laser measures 0: drivers write it where there was nothing to measure
+    ranges_m[ranges_m <= 0.0] = np.nan
     ranges_m[ranges_m >= no_return_m] = np.inf
 
 

@@ -61,11 +61,11 @@ def test_unusual_number_of_beams_needs_its_step(tmp_path):
     assert scan.angles_rad[-1] == pytest.approx(0.3)
 
 
-def test_no_return_values_are_infinite_and_negative_ones_invalid(tmp_path):
+def test_no_return_values_are_infinite_and_what_is_not_above_zero_invalid(tmp_path):
     ranges = [81.83, 81.91, 50.0, 49.99, 26.0, -1.0, 0.0] + [1.0] * 173
     path = written(tmp_path, flaser(ranges, SE2.identity(), 1.0))
     found = next(read_carmen(path).measurements()).scan.ranges_m[:7]
-    np.testing.assert_equal(found, [np.inf, np.inf, np.inf, 49.99, 26.0, np.nan, 0.0])
+    np.testing.assert_equal(found, [np.inf, np.inf, np.inf, 49.99, 26.0, np.nan, np.nan])
 
 
 def test_mounting_is_the_sensor_seen_from_the_odometry(tmp_path):
