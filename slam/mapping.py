@@ -29,6 +29,10 @@ _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
+_MIRRORED = -0.5
+"""Turns by scans per turn by the wheels: 1 where both are right, -1 where one of them counts the
+other way round. Chosen, as the turns [rad] that it takes to say so."""
+_TURNED = 2.0 * math.pi
 _ASIDE_M = 10.0
 """Between the map and a session that was never joined with it; chosen: to be seen as such."""
 
@@ -96,6 +100,7 @@ class Mapper:
         self._start = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
+        self._turned_together = self._turned_by_wheels = 0.0
 
     @classmethod
     def continued(
@@ -128,7 +133,12 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
+        T_before = self._front_end.T_map_base
         step = self._front_end.update(measurement)  # match with what was seen last
+        if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
+            turn_rad = (T_before.inverse() @ step.T_map_base).theta
+            self._turned_together += math.copysign(1.0, measurement.motion.theta) * turn_rad
+            self._turned_by_wheels += abs(measurement.motion.theta)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._first + step.keyframe)
         self._steps.append(replace(step, session=self._session))
@@ -151,6 +161,13 @@ class Mapper:
         slam_map = self._held_together()
         config = self.config.consistency
         verdict = checked_for_blindness(slam_map.verdict, slam_map.steps, config)
+        is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
+        if is_mirrored and self._turned_by_wheels > _TURNED:
+            said = (
+                "the scans turn the other way round than the wheels: the map may be mirrored"
+                " (is the laser mounted upside down, or a wheel's sign wrong?)"
+            )
+            verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
         return replace(slam_map, verdict=verdict)
 
     def _held_together(self) -> SlamMap:

@@ -89,6 +89,18 @@ def test_laser_that_froze_is_carried_by_the_wheels(poses):
     assert ate_m(found, poses) < 0.06
 
 
+def test_map_of_a_laser_mounted_upside_down_is_called_failed(poses):
+    measurements = ring.drive(poses, np.random.default_rng(6))
+    # no scan contradicts another: all see the mirror image
+    overhead = [
+        replace(one, scan=replace(one.scan, ranges_m=one.scan.ranges_m[::-1]))
+        for one in measurements
+    ]
+    found = mapped(overhead)
+    assert not found.verdict.is_good
+    assert "the scans turn the other way round than the wheels" in found.verdict.reasons[-1]
+
+
 def blinded(measurements, first: int, last: int):
     """The same with a laser that says nothing from one scan to before another."""
     return [
