@@ -101,6 +101,7 @@ class Mapper:
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
         self._turned_together = self._turned_by_wheels = 0.0
+        self._unknown_m2 = 0.0
 
     @classmethod
     def continued(
@@ -134,7 +135,10 @@ class Mapper:
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
         T_before = self._front_end.T_map_base
+        self._unknown_m2 += float(measurement.motion_covariance[0, 0])
         step = self._front_end.update(measurement)  # match with what was seen last
+        if step.is_keyframe or step.status is not StepStatus.CARRIED:
+            self._unknown_m2 = 0.0
         if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
             turn_rad = (T_before.inverse() @ step.T_map_base).theta
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * turn_rad
@@ -161,6 +165,9 @@ class Mapper:
         slam_map = self._held_together()
         config = self.config.consistency
         verdict = checked_for_blindness(slam_map.verdict, slam_map.steps, config)
+        if self._unknown_m2 > config.most_blind_m**2:
+            said = "neither scans nor wheels tell where the robot is at the end"
+            verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
         is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
         if is_mirrored and self._turned_by_wheels > _TURNED:
             said = (

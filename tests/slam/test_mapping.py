@@ -136,6 +136,18 @@ def test_map_of_a_drive_that_began_or_ended_blind_is_called_failed(poses, first,
     assert mapped(stood).verdict.is_good
 
 
+def test_map_that_ends_with_neither_scans_nor_wheels_is_called_failed(poses):
+    # as of a log of scans alone: no motion, sigmas of a metre
+    measurements = [
+        replace(one, motion=SE2.identity(), motion_covariance=np.eye(3))
+        for one in ring.drive(poses[:90], np.random.default_rng(2))
+    ]
+    assert mapped(measurements).verdict.is_good
+    found = mapped(blinded(measurements, 60, 90))
+    assert not found.verdict.is_good
+    assert "neither scans nor wheels" in found.verdict.reasons[0]
+
+
 def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(poses):
     # to another corridor, which looks like the one before; no lap to close it
     there = 80
