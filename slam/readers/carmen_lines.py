@@ -29,10 +29,15 @@ KEYWORDS = (*LASERS, "ODOM", "PARAM")
 
 # First beam and step of usual sensors by number of beams, which is all that FLASER tells. SICK
 # units with 180 and 360 beams end one step short of +90: `linspace(-90, 90, n)` would bend every
-# scan. 401 beams are a SICK at a quarter of a degree, 541 and more the sensors that see 270 degrees.
+# scan. 401 beams are a SICK at a quarter of a degree; 270, 540 and more the sensors that see 270
+# degrees; 682 and 683 a URG-04LX within its 240 degrees, 726 all of its steps, of which 1024 make a turn.
+_URG_STEP_DEG = 360.0 / 1024.0
 _FANS_DEG = {
     **{180: (-90.0, 1.0), 181: (-90.0, 1.0), 360: (-90.0, 0.5), 361: (-90.0, 0.5)},
-    **{401: (-50.0, 0.25), 541: (-135.0, 0.5), 721: (-90.0, 0.25), 1081: (-135.0, 0.25)},
+    **{401: (-50.0, 0.25), 270: (-135.0, 1.0), 271: (-135.0, 1.0), 540: (-135.0, 0.5)},
+    **{541: (-135.0, 0.5), 720: (-90.0, 0.25), 721: (-90.0, 0.25), 1080: (-135.0, 0.25)},
+    1081: (-135.0, 0.25),
+    **{count: (-0.5 * (count - 1) * _URG_STEP_DEG, _URG_STEP_DEG) for count in (682, 683, 726)},
 }
 
 _NO_RETURN_SHARE = 0.9985

@@ -52,6 +52,17 @@ def test_beams_start_at_the_right_and_end_where_their_number_says(
     np.testing.assert_allclose(np.diff(angles_deg), step_deg, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("count", "first_deg", "last_deg"),
+    [(270, -135.0, 134.0), (541, -135.0, 135.0), (682, -119.7, 119.7), (1080, -135.0, 134.75)],
+)
+def test_beams_of_wide_sensors_are_told_by_their_number(tmp_path, count, first_deg, last_deg):
+    path = written(tmp_path, flaser([1.0] * count, SE2.identity(), 1.0))
+    angles_deg = np.degrees(next(read_carmen(path).measurements()).scan.angles_rad)
+    assert angles_deg[0] == pytest.approx(first_deg, abs=0.01)
+    assert angles_deg[-1] == pytest.approx(last_deg, abs=0.01)
+
+
 def test_unusual_number_of_beams_needs_its_step(tmp_path):
     path = written(tmp_path, flaser([1.0] * 7, SE2.identity(), 1.0))
     with pytest.raises(ValueError, match=r"^a.clf line 1: the step between 7 beams is not known"):
