@@ -130,7 +130,10 @@ def run(
     related = None if relations is None else read_relations(relations)
     known = None if map_path is None else read_slam_map(map_path)
     mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
-    result = _best_mapped(read_log(log_path), mapped)
+    log = read_log(log_path)
+    if against is not None:
+        _check_same_time(log, against, reference)
+    result = _best_mapped(log, mapped)
     if map_path is not None:
         result = replace(result, continued=map_path.name)
     if against is None and related is None:
@@ -138,6 +141,19 @@ def run(
     name = None if relations is None else relations.name
     evaluation = evaluated(result.trajectory, against, related, relations_of=name)
     return replace(result, evaluation=evaluation)
+
+
+def _check_same_time(log: Log, reference: Trajectory, path: Path | None) -> None:
+    """Raises ValueError for a reference of another time than the log's."""
+    stamps_s = [record.time_s for record in log.records]
+    first_s, last_s = min(stamps_s), max(stamps_s)
+    times_s = reference.times_s
+    if not ((times_s >= first_s) & (times_s <= last_s)).any():
+        raise ValueError(
+            f"{path.name if path else 'reference'} has poses from {times_s[0]:.2f} to"
+            f" {times_s[-1]:.2f} s, and {log.name} is from {first_s:.2f} to {last_s:.2f} s: is it"
+            " that of another log?"
+        )
 
 
 def _best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:

@@ -1,6 +1,7 @@
 """The commands on recorded logs: `kitasap slam`, `kitasap localize` and `kitasap real-log`."""
 
 import math
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -140,8 +141,10 @@ def slam(
     T_start = _pose(start)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
-    if out.exists() and not out.is_dir():  # refused now rather than after the log
+    # refused now rather than after the log
+    if out.exists() and not out.is_dir():
         raise ValueError(f"--out takes a folder, and {out} is a file")
+    _check_writable(out)
     with SlamProgress(log.name) as progress:
         result = slam_log.run(log, reference, relations, progress.update, known_map, T_start)
     slam_log.write_results(result, out)
@@ -152,3 +155,10 @@ def slam(
         print(evaluation.table(result.evaluation.summary(), log.name))
     print(f"results and figures: {out}")
     raise typer.Exit(0 if result.slam_map.verdict.is_good else 1)
+
+
+def _check_writable(folder: Path) -> None:
+    """Raises OSError where nothing can be written into a folder, or it cannot be made."""
+    there = next(path for path in (folder, *folder.resolve().parents) if path.is_dir())
+    with tempfile.TemporaryFile(dir=there):
+        pass

@@ -165,3 +165,16 @@ def test_log_whose_laser_tells_nothing_is_refused_and_leaves_the_folder_as_it_wa
         capsys, "slam", str(log), "--out", str(out)
     )
     assert not out.exists()
+
+
+def test_reference_of_another_log_or_no_folder_is_refused_before_the_log_is_mapped(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("experiments.slam_log.Mapper", None)
+    other, out = tmp_path / "other.tum", tmp_path / "out"
+    other.write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    said = refusal(capsys, "slam", LOG, "--reference", other, "--out", out)
+    assert "is it that of another log?" in said
+    assert not out.exists()
+    said = refusal(capsys, "slam", LOG, "--out", "/proc/nowhere/out")
+    assert "/proc" in said
