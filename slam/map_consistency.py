@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray, IntArray
 from slam.contradictions import passed
-from slam.front_end import FrontEndStep, Keyframe, StepStatus
+from slam.front_end import Keyframe
 from slam.loop_closing import Loop
 from slam.se2 import SE2
 
@@ -58,6 +58,11 @@ class MapVerdict:
     pairs: int
     reasons: tuple[str, ...] = ()
 
+    def with_reasons(self, reasons: Sequence[str]) -> MapVerdict:
+        """The verdict with more to be said against the map; the same, if there is none."""
+        said = (*self.reasons, *reasons)
+        return replace(self, is_good=self.is_good and not reasons, reasons=said)
+
     @property
     def doubt(self) -> tuple[bool, float]:
         """Less is better: first whether it is good, then what its scans say against it."""
@@ -99,7 +104,7 @@ def acquitted(
     A wrong map may be content as well: it is good only if it leaves no doubt, and if beside each loop
     that was rejected another was kept. One that stands alone may be right, and the map open there.
     """
-    reasons = list(verdict.reasons)
+    reasons = []
     if verdict.is_good and verdict.bad_pairs > config.doubtful_pairs:
         reasons.append(
             f"more than {100 * config.doubtful_pairs:g} % of pairs of scans of one place contradict"
@@ -113,34 +118,7 @@ def acquitted(
                 f" {keyframes[one.later].time_s:.2f} s may show one place, which the map has twice"
             )
             break
-    return replace(verdict, is_good=not reasons, reasons=tuple(reasons))
-
-
-def checked_for_blindness(
-    verdict: MapVerdict, steps: Sequence[FrontEndStep], config: ConsistencyConfig
-) -> MapVerdict:
-    """The verdict on a map of these scans, if sessions that began or ended blind are no good.
-
-    There a robot went a long way by its wheels alone, and nothing tells how far these were off.
-    """
-    reasons = list(verdict.reasons)
-    if steps and not any(step.is_keyframe for step in steps):
-        reasons.append("no scan tells anything: there is nothing on the map")
-    for session in sorted({step.session for step in steps}):
-        own = [step for step in steps if step.session == session]
-        tells = [step.is_keyframe or step.status is not StepStatus.CARRIED for step in own]
-        parts = [own]
-        if any(tells):
-            parts = [own[: tells.index(True) + 1], own[-1 - tells[::-1].index(True) :]]
-        for part in parts:
-            places = np.array([(step.T_map_base.x, step.T_map_base.y) for step in part])
-            way_m = float(np.hypot(*np.diff(places, axis=0).T).sum())
-            if way_m > config.most_blind_m:
-                reasons.append(
-                    f"from {part[0].time_s:.2f} to {part[-1].time_s:.2f} s, over {way_m:.0f} m, no"
-                    " scan tells where the robot is: these poses are the wheels' alone"
-                )
-    return replace(verdict, is_good=not reasons, reasons=tuple(reasons))
+    return verdict.with_reasons(reasons)
 
 
 def _apart(one: tuple[int, int], other: tuple[int, int]) -> int:

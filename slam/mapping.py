@@ -9,16 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
 from slam.joint_adjustment import AdjustmentConfig, jointly_adjusted
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
-from slam.map_consistency import (
-    ConsistencyConfig,
-    acquitted,
-    checked_for_blindness,
-    do_contradict,
-    judged,
-)
+from slam.map_consistency import ConsistencyConfig, acquitted, do_contradict, judged
 from slam.measurements import Measurement
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
@@ -29,10 +24,6 @@ _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
-_MIRRORED = -0.5
-"""Turns by scans per turn by the wheels: 1 where both are right, -1 where one of them counts the
-other way round. Chosen, as the turns [rad] that it takes to say so."""
-_TURNED = 2.0 * math.pi
 _ASIDE_M = 10.0
 """Between the map and a session that was never joined with it; chosen: to be seen as such."""
 
@@ -100,8 +91,7 @@ class Mapper:
         self._start = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
-        self._turned_together = self._turned_by_wheels = 0.0
-        self._unknown_m2 = 0.0
+        self._monitor = DriveMonitor(self.config.consistency.most_blind_m)
 
     @classmethod
     def continued(
@@ -135,14 +125,8 @@ class Mapper:
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
         T_before = self._front_end.T_map_base
-        self._unknown_m2 += float(measurement.motion_covariance[0, 0])
         step = self._front_end.update(measurement)  # match with what was seen last
-        if step.is_keyframe or step.status is not StepStatus.CARRIED:
-            self._unknown_m2 = 0.0
-        if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
-            turn_rad = (T_before.inverse() @ step.T_map_base).theta
-            self._turned_together += math.copysign(1.0, measurement.motion.theta) * turn_rad
-            self._turned_by_wheels += abs(measurement.motion.theta)
+        self._monitor.take(measurement, T_before, step)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._first + step.keyframe)
         self._steps.append(replace(step, session=self._session))
@@ -163,18 +147,7 @@ class Mapper:
         better; a map that had failed is not acquitted by such loops alone.
         """
         slam_map = self._held_together()
-        config = self.config.consistency
-        verdict = checked_for_blindness(slam_map.verdict, slam_map.steps, config)
-        if self._unknown_m2 > config.most_blind_m**2:
-            said = "neither scans nor wheels tell where the robot is at the end"
-            verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
-        is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
-        if is_mirrored and self._turned_by_wheels > _TURNED:
-            said = (
-                "the scans turn the other way round than the wheels: the map may be mirrored"
-                " (is the laser mounted upside down, or a wheel's sign wrong?)"
-            )
-            verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
+        verdict = slam_map.verdict.with_reasons(self._monitor.objections(slam_map.steps))
         return replace(slam_map, verdict=verdict)
 
     def _held_together(self) -> SlamMap:

@@ -74,6 +74,7 @@ RANKS = (
         "loop_closing",
         "surfaces",
         "map_consistency",
+        "drive_monitor",
         "heavy_tails",
         "fusion",
         "consistency",
