@@ -70,6 +70,7 @@ def check_whole_log(name: str, scans: int) -> None:
     assert summary["heading_error_deg"]["median"] < 0.5
 
 
+@pytest.mark.slow
 def test_every_odd_scan_of_fr101_is_tracked():
     check_whole_log("fr101", 146)
 
