@@ -86,7 +86,7 @@ def surfaces_of(
     met, passed, silent = _looks(segments, [*views, *glances], config)
     surfaces = Surfaces(segments, sigma_m, met, passed)
     stays = met >= config.least_looks * (met + passed)
-    is_silent = stays & (met < config.least_looks * (met + passed + silent))
+    is_silent = stays & (met < config.least_returns * (met + passed + silent))
     # a laser that comes back from nowhere everywhere does not tell where nothing is
     if np.count_nonzero(is_silent) <= _MOST_SILENT * np.count_nonzero(stays):
         stays &= ~is_silent
