@@ -139,6 +139,7 @@ def test_map_that_is_cut_is_refused_in_one_line(folder, tmp_path, capsys):
     assert "map.kitasap: expected a map" in refusal(capsys, "localize", path, LOG)
 
 
+@pytest.mark.slow
 def test_rover_is_mapped_by_the_wheels_that_its_drive_shows(tmp_path):
     assert main(["slam", str(shared_log("mines-exp2.dat.gz")), "--out", str(tmp_path)]) == 0
     summary = json.loads((tmp_path / "summary.json").read_text())
