@@ -19,6 +19,7 @@ from slam.pose_arrays import composed
 from slam.se2 import SE2
 from slam.slam_map import surfaces_seen
 from slam.verdict import Status
+from slam.verdict_limits import VerdictLimits
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class JoiningConfig:
 
     least_loops: keyframes, least_way_m apart at least, that see the map where one and the same place
     of the session lets them, within near (m, rad). back: keyframes before the one at which a place
-    was found that are asked as well. patience: keyframes after which a place that did not hold is
+    was found that are asked as well, at_a_time of them with each keyframe. patience: keyframes after which a place that did not hold is
     given up. sigma: (m, rad) of a place that was found, start_sigma: of a start that was given.
     eager: keyframes looked for one by one, and burst: of as many later ones, where searching would
     cost too much. against: the session's scans against those before; what it lets pass is twice what
@@ -39,6 +40,7 @@ class JoiningConfig:
     least_way_m: float = 0.8
     near: tuple[float, float] = (0.3, math.radians(5.0))
     back: int = 8
+    at_a_time: int = 2
     patience: int = 12
     sigma: tuple[float, float] = (0.15, 0.05)
     start_sigma: tuple[float, float] = (0.5, 0.2)
@@ -88,6 +90,10 @@ class SessionJoiner:
             laser = laser_seen([keyframe.beams for keyframe in keyframes])
             self._known = KnownMap.of_surfaces(surfaces_seen(keyframes, poses), laser)
             self._guard = Guard(self._known.relocalizer)
+            # now rather than within the first update: what is usual for the laser of the map
+            widest = max((keyframe.beams for keyframe in keyframes), key=len)
+            VerdictLimits.usual_for(self._known.relocalizer, widest.cut(laser.range_max_m))
+        self._backlog: list[int] = []
         self._looks = self._tries = 0
         self._T_last: SE2 | None = None
         self._loops: list[Loop] = []
@@ -98,12 +104,15 @@ class SessionJoiner:
         poses: (K, 3) of all keyframes, those of the session in its own frame.
         """
         last, config = len(keyframes) - 1, self.config
-        asked: Sequence[int] = [last]
         if self._place is None:
             self._place = self._searched(keyframes[last], SE2.from_array(poses[last]))
             if self._place is None:
                 return None
-            asked = range(max(self._first, last - config.back), last + 1)
+            self._backlog = list(range(max(self._first, last - config.back), last))
+            asked = [last]
+        else:  # a few at a time, the newest first: the next scan does not wait
+            asked = [*self._backlog[-config.at_a_time :], last]
+            del self._backlog[-config.at_a_time :]
         moved = _moved(poses, self._first, self._place)
         sigma = config.start_sigma if self._is_start_known else config.sigma
         self._loops += self._closer.found(keyframes, moved, asked, sigma, range(self._first))
@@ -161,7 +170,7 @@ class SessionJoiner:
     def _give_up(self) -> None:
         """Starts the search anew."""
         assert self._known is not None
-        self._place, self._tries, self._loops = None, 0, []
+        self._place, self._tries, self._loops, self._backlog = None, 0, [], []
         self._guard, self._T_last = Guard(self._known.relocalizer), None
 
 
