@@ -13,6 +13,7 @@ from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.known_map import USUAL_LASER, KnownMap
 from slam.laser_model import LaserModel
+from slam.likelihood_grid import SearchConfig, layout
 from slam.map_files import read_map
 from slam.measurements import Measurement
 from slam.occupancy_grid import OccupancyGrid
@@ -84,6 +85,11 @@ def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
             f"{path}: no occupied cell of the map is beside a free one: no wall is seen"
         )
     walls = grid.walls()
+    try:
+        # before the walls are cut into points, which of a map too large fill the memory
+        layout(walls.segments.reshape(-1, 2), laser.range_max_m, SearchConfig())
+    except ValueError as error:
+        raise ValueError(f"{path}: {error} (resolution {grid.resolution_m:g} m?)") from error
     return KnownMap(walls.sampled(_SPACING_M)[0], laser, walls, _beside_free(grid), grid)
 
 

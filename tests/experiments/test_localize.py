@@ -233,6 +233,21 @@ def test_map_without_a_wall_to_see_is_refused(around, wall, said, tmp_path, caps
     assert line.startswith(f"{tmp_path}/map.yaml: {said}")
 
 
+@pytest.mark.parametrize("resolution", ["1000", "1e9"])
+def test_map_of_cells_as_large_as_a_country_is_refused_before_it_fills_the_memory(
+    resolution, tmp_path, capsys
+):
+    cells = np.full((40, 40), FREE, dtype=np.int8)
+    cells[10:30, 10:30] = OCCUPIED
+    path = tmp_path / "map.yaml"
+    write_map(path, OccupancyGrid(cells, 0.05, SE2.identity()))
+    path.write_text(path.read_text().replace("0.05", resolution))
+    line = refusal(capsys, "localize", path, LOG, "--out", tmp_path / "out")
+    assert line.startswith(f"{path}: a map of ")
+    assert "too large to search" in line
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
