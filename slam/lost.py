@@ -186,7 +186,13 @@ class Guard:
             return Judgement(Verdict(Status.UNSURE, reasons), fit.match)
         if fit.misfits and not self._is_checked(fit):
             return None
-        self._unexplained = self._beaten = 0
+        self._unexplained = 0
+        if self.relocalizer.segment_map.is_exact:
+            # carried to where the map looks nearly the same, all fits but the little that differs
+            found = self._looked(look)
+            if found.places and found.beats(fit.T_map_base, look.beams):
+                return self._beaten_by(found, fit.misfits, look)
+        self._beaten = 0
         return Judgement(Verdict(Status.TRACKING, fit.misfits), fit.match)
 
     def _slipped(self, fit: Fit, step: Step) -> Judgement | None:

@@ -90,6 +90,7 @@ def test_one_scan_is_searched_for_once(room, monkeypatch):
 
 def test_ordinary_scan_is_weighed_once(room, monkeypatch):
     # half of the time of tracking, on a map of a building
+    monkeypatch.setattr(room[2].segment_map, "is_exact", False)
     robot = Robot(room, START)
     robot.look()
     weighed = calls_of("at", monkeypatch)
@@ -132,6 +133,24 @@ def test_put_down_where_the_map_looks_the_same_it_is_lost_until_it_looks_around(
             break
     assert estimate.verdict.status is Status.TRACKING
     assert robot.is_right(estimate)
+
+
+@pytest.mark.parametrize("aside", [STILL, SE2(0.03, 0.0, 0.02)])
+def test_put_down_where_all_looks_the_same_but_what_it_sees_it_is_lost_at_once(
+    aside, nearly_twin_room
+):
+    # nothing jumps and nearly all beams fit: it once followed the wrong end as long as it drove
+    at = SE2(4.5, 2.4, 0.3)  # a corner of the box in view
+    robot = Robot(nearly_twin_room, at, at=at)
+    for _ in range(3):
+        assert robot.look().verdict.status is Status.TRACKING
+    robot.at = OTHER_END @ robot.at @ aside
+    step = SE2(0.02, 0.0, 0.0)
+    first = robot.look(step)
+    assert first.verdict.status is Status.LOST
+    for _ in range(12):
+        estimate = robot.look(step)
+        assert estimate.verdict.status is not Status.TRACKING or robot.is_right(estimate)
 
 
 def test_pushed_aside_where_the_map_looks_like_nothing_else_it_is_unsure_alone(room):
