@@ -13,6 +13,7 @@ from slam.heavy_tails import (
     SLIPS_M,
     SMOOTH,
     WHOLE,
+    WIDEST,
     SlipOdds,
     Tails,
     corrected,
@@ -21,9 +22,6 @@ from slam.heavy_tails import (
 from slam.scan_match import PoseInformation, ScanMatch
 from slam.se2 import SE2
 
-_WIDEST = np.array([100.0, 100.0, 2.0 * np.pi])
-"""Chosen: standard deviations [m], [m], [rad] beyond which a pose is not known at all; to a filter
-of first order wider ones mean nothing, and 1e5 m beside a millimetre is lost in rounding."""
 _LAG, _SHIFT = 7, 8
 _VAGUE = 10.0
 """Chosen: times a match's variance, of a prediction that has no say."""
@@ -243,21 +241,21 @@ class PoseFilter:
         self._P[:3, :] = 0.0
         self._P[:, :3] = 0.0
         is_known = np.isfinite(covariance)
-        self._P[:3, :3] = np.where(is_known, covariance, np.diag(_WIDEST**2))
+        self._P[:3, :3] = np.where(is_known, covariance, np.diag(WIDEST**2))
         self._narrow()
 
     def _narrow(self) -> None:
         """Keeps the pose's variance where a filter of first order means something."""
         deviations = np.sqrt(np.diag(self._P)[:3])
-        if (deviations > _WIDEST).any():
-            scale = np.minimum(1.0, _WIDEST / np.maximum(deviations, _WIDEST))
+        if (deviations > WIDEST).any():
+            scale = np.minimum(1.0, WIDEST / np.maximum(deviations, WIDEST))
             self._P[:3, :] *= scale[:, np.newaxis]
             self._P[:, :3] *= scale
 
 
 def covariance_held(information: FloatArray) -> FloatArray:
     """(3, 3) covariance of what an information fixes; 100 m, or a full turn, along the rest."""
-    return np.asarray(np.linalg.inv(information + np.diag(_WIDEST**-2.0)))
+    return np.asarray(np.linalg.inv(information + np.diag(WIDEST**-2.0)))
 
 
 class Viewpoint:

@@ -17,8 +17,11 @@ _NEARLY_NOTHING = 1e-18
 """Square metres, or radians: keeps a variance of nothing above it."""
 _LEAST = 1e-300
 """Of odds, and of information, so that it has a logarithm."""
-_NONE = np.array([100.0, 100.0, 2.0 * np.pi]) ** -2.0
-"""Information of a match that tells nothing: to a filter of first order wider means no more."""
+WIDEST = np.array([100.0, 100.0, 2.0 * np.pi])
+"""Chosen: standard deviations [m], [m], [rad] beyond which a pose is not known at all; to a filter
+of first order wider ones mean nothing, and 1e5 m beside a millimetre is lost in rounding."""
+_NONE = WIDEST**-2.0
+"""Information of a match that tells nothing."""
 _TRACK_M = 0.3
 """Chosen: a wheel that slips by a length turns the robot by so much of it."""
 

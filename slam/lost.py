@@ -188,7 +188,8 @@ class Guard:
             return None
         self._unexplained = 0
         if self.relocalizer.segment_map.is_exact:
-            # carried to where the map looks nearly the same, all fits but the little that differs
+            # carried to where the map looks nearly the same, all fits but the little that differs; a
+            # map made of scans never shows all, and one scan that fits elsewhere does not tell
             found = self._looked(look)
             if found.places and found.beats(fit.T_map_base, look.beams):
                 return self._beaten_by(found, fit.misfits, look)

@@ -29,8 +29,7 @@ class ConsistencyConfig:
     wall, a beam misses it by a hair where poses are right. bad_pair: a pair in which so many were,
     most_bad_pairs: share of such pairs; from doubtful_pairs on, more loops may help. beside: so few
     keyframes off, one loop says what another does. most_rejected: share of the loops that the others
-    contradict. most_blind_m: by the wheels alone, before the first scan that tells anything or after
-    the last. Chosen on maps of five buildings and on the same maps with errors put in.
+    contradict. Chosen on maps of five buildings and on the same maps with errors put in.
     """
 
     radius_m: float = 3.0
@@ -42,7 +41,6 @@ class ConsistencyConfig:
     doubtful_pairs: float = 0.0075
     beside: int = 10
     most_rejected: float = 0.35
-    most_blind_m: float = 5.0
     margins: tuple[float, float] = (0.25, 0.03)
     aside_m: float = 0.1
 

@@ -17,15 +17,13 @@ from slam.map_consistency import ConsistencyConfig, acquitted, do_contradict, ju
 from slam.measurements import Measurement
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2
-from slam.session_joining import JoiningConfig, SessionJoiner
+from slam.session_joining import JoiningConfig, SessionJoiner, set_aside
 from slam.slam_map import STEP_SIGMA, SlamMap, add_loop, add_step, graph_of
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
-_ASIDE_M = 10.0
-"""Between the map and a session that was never joined with it; chosen: to be seen as such."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +89,7 @@ class Mapper:
         self._start = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
-        self._monitor = DriveMonitor(self.config.consistency.most_blind_m)
+        self._monitor = DriveMonitor(self.config.front_end.most_blind_m)
 
     @classmethod
     def continued(
@@ -104,9 +102,8 @@ class Mapper:
         """A mapper whose next scan begins a new session on a map, somewhere on it or beside it.
 
         The session is joined with the map once its scans show where; one that never is makes a map
-        that is called failed. start: pose of its first scan on the map, if that is known, within
-        half a metre or so. Raises ValueError for a map
-        that has a session which was never joined, or no wall to find a place by.
+        that is called failed. start: pose of its first scan on the map, if known, within half a metre.
+        Raises ValueError for a map with a session that was never joined, or no wall to search by.
         """
         if slam_map.unjoined:
             raise ValueError(
@@ -192,7 +189,7 @@ class Mapper:
         poses = np.concatenate([adjusted, poses[count:]])
         if 0 < self._first < len(keyframes):
             if not self._is_joined and self._is_start_unknown:
-                poses = _set_aside(keyframes, poses, self._first)
+                poses = set_aside(keyframes, poses, self._first)
             before, after = SE2.from_array(poses[self._first - 1]), poses[self._first]
             keyframes[self._first] = replace(
                 keyframes[self._first], T_before=before.inverse() @ SE2.from_array(after)
@@ -351,16 +348,3 @@ class Mapper:
         solution = self._graph.solve(config=config)
         self._graph.set_poses(solution.poses)
         return solution
-
-
-def _set_aside(keyframes: Sequence[Keyframe], poses: FloatArray, first: int) -> FloatArray:
-    """Poses (K, 3), of which those from the first of a session on are moved beside all others."""
-    ends = [
-        (SE2.from_array(pose) @ keyframe.points)[:, 0]
-        for keyframe, pose in zip(keyframes, poses, strict=True)
-    ]
-    most_m = max(float(x.max(initial=-math.inf)) for x in ends[:first])
-    least_m = min(float(x.min(initial=math.inf)) for x in ends[first:])
-    moved = poses.copy()
-    moved[first:, 0] += most_m + _ASIDE_M - least_m
-    return moved

@@ -21,6 +21,9 @@ from slam.slam_map import surfaces_seen
 from slam.verdict import Status
 from slam.verdict_limits import VerdictLimits
 
+_ASIDE_M = 10.0
+"""Between the map and a session that was never joined with it; chosen: to be seen as such."""
+
 
 @dataclass(frozen=True)
 class JoiningConfig:
@@ -172,6 +175,19 @@ class SessionJoiner:
         assert self._known is not None
         self._place, self._tries, self._loops, self._backlog = None, 0, [], []
         self._guard, self._T_last = Guard(self._known.relocalizer), None
+
+
+def set_aside(keyframes: Sequence[Keyframe], poses: FloatArray, first: int) -> FloatArray:
+    """Poses (K, 3), of which those from the first of a session on are moved beside all others."""
+    ends = [
+        (SE2.from_array(pose) @ keyframe.points)[:, 0]
+        for keyframe, pose in zip(keyframes, poses, strict=True)
+    ]
+    most_m = max(float(x.max(initial=-math.inf)) for x in ends[:first])
+    least_m = min(float(x.min(initial=math.inf)) for x in ends[first:])
+    moved = poses.copy()
+    moved[first:, 0] += most_m + _ASIDE_M - least_m
+    return moved
 
 
 def _moved(poses: FloatArray, first: int, T_map_session: SE2) -> FloatArray:

@@ -1,10 +1,10 @@
 """`kitasap bench mapping LOG`: processor time and memory of mapping, one core, compiled beforehand."""
 
 import json
-import sys
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.bench.registration_run import one_core
+from experiments.memory import resident_mb
 from slam.front_end import FrontEnd
 from slam.mapping import Mapper
 from slam.measurements import Measurement
@@ -83,7 +84,7 @@ def _cpu_s(work: Callable[[], object]) -> float:
 def _updates_s(
     update: Callable[[Measurement], object], measurements: Iterable[Measurement]
 ) -> list[float]:
-    return [_cpu_s(lambda one=one: update(one)) for one in measurements]  # type: ignore[misc]
+    return [_cpu_s(partial(update, one)) for one in measurements]
 
 
 def _warm_up(log: Log) -> None:
@@ -96,26 +97,16 @@ def _warm_up(log: Log) -> None:
 
 def _grown_mb(log: Log) -> float | None:
     """By how much this process grows at most while it reads a log and maps it."""
-    before_mb = most_mb = _resident_mb()
+    before_mb = most_mb = resident_mb()
     if before_mb is None or most_mb is None:
         return None
     mapper = Mapper(log.T_base_laser)
     for index, one in enumerate(log.measurements()):
         mapper.update(one)
         if index % _SAMPLED_EVERY == 0:
-            most_mb = max(most_mb, _resident_mb() or 0.0)
+            most_mb = max(most_mb, resident_mb() or 0.0)
     mapper.finish()
-    return max(most_mb, _resident_mb() or 0.0) - before_mb
-
-
-def _resident_mb() -> float | None:
-    """Memory of this process [MB]; None where the system does not say."""
-    if sys.platform != "linux":
-        return None
-    for line in Path("/proc/self/status").read_text().splitlines():
-        if line.startswith("VmRSS:"):
-            return int(line.split()[1]) / 1024.0
-    return None
+    return max(most_mb, resident_mb() or 0.0) - before_mb
 
 
 def _table(cost: MappingCost) -> Table:
