@@ -140,8 +140,8 @@ def evaluated_files(
         odometry = odometry_of(odometry_path)
         if not np.isfinite(PoseLookup(odometry).at(trajectory.times_s)).any():
             raise ValueError(
-                f"{odometry_path.name} has odometry from {_span(odometry.times_s)} s, and no pose of"
-                f" {trajectory_path.name} is of that time: {_span(trajectory.times_s)} s"
+                f"{odometry_path.name} has odometry from {span(odometry.times_s)} s, and no pose of"
+                f" {trajectory_path.name} is of that time: {span(trajectory.times_s)} s"
             )
     relations_of = None if relations_path is None else relations_path.name
     return evaluated(trajectory, reference, relations, odometry, relations_of)
@@ -226,10 +226,11 @@ def _check_covered(
     if not is_any:
         raise ValueError(
             f"the trajectory has no pose at the times of the {against}: it is of"
-            f" {_span(trajectory.times_s)} s, the {against} of {_span(times_s)} s; if the clocks are"
+            f" {span(trajectory.times_s)} s, the {against} of {span(times_s)} s; if the clocks are"
             " the same, give --odometry LOG to carry the poses"
         )
 
 
-def _span(times_s: FloatArray) -> str:
+def span(times_s: FloatArray) -> str:
+    """From when to when, in words."""
     return f"{times_s.min():.3f} to {times_s.max():.3f}"

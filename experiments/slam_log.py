@@ -5,10 +5,10 @@ from __future__ import annotations
 import gc
 import json
 import math
-import os
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -16,9 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.evaluation import Evaluation, evaluated
+from experiments.evaluation import Evaluation, evaluated, span
+from experiments.memory import resident_mb
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, wheels_summary
 from experiments.trial_log import write_atomically
+from slam.arrays import FloatArray
 from slam.front_end import StepStatus
 from slam.map_files import write_map
 from slam.mapping import Mapper, MapperConfig, MapperStep
@@ -133,7 +135,9 @@ def run(
     mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
     log = read_log(log_path)
     if against is not None:
-        _check_same_time(log, against, reference)
+        _check_same_time(log, against.times_s, reference)
+    if related is not None:
+        _check_same_time(log, related.times_s.ravel(), relations)
     result = _best_mapped(log, mapped)
     if map_path is not None:
         result = replace(result, continued=map_path.name)
@@ -144,16 +148,14 @@ def run(
     return replace(result, evaluation=evaluation)
 
 
-def _check_same_time(log: Log, reference: Trajectory, path: Path | None) -> None:
-    """Raises ValueError for a reference of another time than the log's."""
-    stamps_s = [record.time_s for record in log.records]
-    first_s, last_s = min(stamps_s), max(stamps_s)
-    times_s = reference.times_s
-    if not ((times_s >= first_s) & (times_s <= last_s)).any():
+def _check_same_time(log: Log, times_s: FloatArray, path: Path | None) -> None:
+    """Raises ValueError where nothing of a reference is of the log's time."""
+    assert path is not None
+    stamps_s = np.array([record.time_s for record in log.records])
+    if not ((times_s >= stamps_s.min()) & (times_s <= stamps_s.max())).any():
         raise ValueError(
-            f"{path.name if path else 'reference'} has poses from {times_s[0]:.2f} to"
-            f" {times_s[-1]:.2f} s, and {log.name} is from {first_s:.2f} to {last_s:.2f} s: is it"
-            " that of another log?"
+            f"{path.name} is of {span(times_s)} s, and {log.name} of {span(stamps_s)} s: is it that"
+            " of another log?"
         )
 
 
@@ -185,13 +187,28 @@ def _mapped(
         if known is None
         else Mapper.continued(known, log.T_base_laser, start, config)
     )
-    joined_at, index, slowest_s = None, 0, 0.0
     started_s = time.thread_time()
     warm_up()
     warm_up_s = time.thread_time() - started_s
-    # all that was imported: Python would look through it again and again, in the middle of a scan
+    with _left_alone():
+        return replace(_driven(log, mapper, known, on_scan), warm_up_cpu_s=warm_up_s)
+
+
+@contextmanager
+def _left_alone() -> Iterator[None]:
+    """What was there before is no more looked through for garbage, in the middle of a scan: with
+    all that was imported it took 0.13 s."""
     gc.freeze()
-    started_s, before_mb = time.thread_time(), _resident_mb()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def _driven(log: Log, mapper: Mapper, known: SlamMap | None, on_scan: OnScan | None) -> SlamLog:
+    """The log through the mapper, record by record; its warm-up is not known here."""
+    joined_at, index, slowest_s = None, 0, 0.0
+    started_s, before_mb = time.thread_time(), resident_mb()
     motion = MotionSinceScan(log.noise)
     times_s, odometry, scan_rows = [], [], []
     for row, record in enumerate(log.records):
@@ -212,29 +229,19 @@ def _mapped(
             on_scan(index, log.scan_count, step)
         index += 1
     online_s = time.thread_time() - started_s
-    after_mb = _resident_mb()
+    after_mb = resident_mb()
     memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
     finish_s = time.thread_time() - started_s - online_s
-    gc.unfreeze()
     of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(
         log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
     )
     is_joined = known is not None and known.session_count not in slam_map.unjoined
     return SlamLog(
-        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, warm_up_s, memory_mb,
+        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, 0.0, memory_mb,
         joined_at=joined_at if is_joined else None,
     )  # fmt: skip
-
-
-def _resident_mb() -> float | None:
-    """Memory that the process holds now [MB]; None where there is no /proc."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    except OSError:
-        return None
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def _of_records(

@@ -177,5 +177,9 @@ def test_reference_of_another_log_or_no_folder_is_refused_before_the_log_is_mapp
     said = refusal(capsys, "slam", LOG, "--reference", other, "--out", out)
     assert "is it that of another log?" in said
     assert not out.exists()
+    other = tmp_path / "other.relations"
+    other.write_text("0 1 1 0 0 0 0 0\n")
+    said = refusal(capsys, "slam", LOG, "--relations", other, "--out", out)
+    assert "is it that of another log?" in said
     said = refusal(capsys, "slam", LOG, "--out", "/proc/nowhere/out")
     assert "/proc" in said
