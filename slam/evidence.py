@@ -94,6 +94,11 @@ class Evidence:
     short_ratio: float
     missed_ratio: float
 
+    @property
+    def unexplained(self) -> float:
+        """Of log-likelihood, per beam that could tell."""
+        return -self.log_likelihood / max(self.used, 1.0)
+
 
 def evidence_of(
     beams: Beams,

@@ -12,6 +12,7 @@ from slam.beams import Beams
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.verdict_limits import VerdictLimits
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,9 @@ class HypothesesConfig:
     margin a place must be better than one believed, beaten_scans: through how many scans in a row.
     min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
     share of what the best leaves unexplained. max_unexplained: more than that is sure of nothing.
+    strange_views: instead of min_views where more is left unexplained than usual, by people or by
+    another building, or where beams went through walls, by so much more than is usual as slack;
+    where both is so, nothing is sure. 0: not asked.
     chosen on the Intel, ACES and Freiburg logs.
     """
 
@@ -40,7 +44,9 @@ class HypothesesConfig:
     beaten_scans: int = 1
     min_margin: float = 10.0
     min_share: float = 0.05
-    max_unexplained: float = math.inf
+    max_unexplained: float = 1.2
+    strange_views: int = 3
+    slack: float = 0.02
 
     @staticmethod
     def fit_for(segment_map: SegmentMap) -> HypothesesConfig:
@@ -63,6 +69,7 @@ class HypothesesConfig:
             min_margin=12.0,
             min_share=0.2,
             max_unexplained=0.8,
+            strange_views=0,
         )
 
 
@@ -139,6 +146,39 @@ class Hypotheses:
         return -self.places[0].log_likelihood / (max(self.views, 1) * used)
 
     @property
+    def violation_ratio(self) -> float:
+        """Share of the beams that went through walls at the best place, over the views."""
+        return self.places[0].violations / max(self.views, 1) if self.places else 0.0
+
+    def doubts(self, limits: VerdictLimits) -> tuple[str, ...]:
+        """Why the best place is not to be believed yet, in words; none of it, if it is."""
+        config, doubts = self.config, []
+        if self.margin < self.margin_needed:
+            doubts.append(
+                f"another place fits nearly as well: log-likelihood margin {self.margin:.1f}"
+                f" of {self.margin_needed:.1f} needed, after {self.views} views"
+            )
+        if self.unexplained > config.max_unexplained:
+            doubts.append("the best place on the map explains too little of the scans")
+        is_little = self.unexplained > limits.usual_unexplained
+        are_walls_missing = self.violation_ratio > limits.usual_violation_ratio
+        if config.strange_views and is_little and are_walls_missing:
+            doubts.append("the best place on the map explains little, and walls are missing there")
+        views_needed = self.views_needed(limits)
+        if self.streak < views_needed:
+            doubts.append(f"the best place through {self.streak} of {views_needed} views needed")
+        return tuple(doubts)
+
+    def views_needed(self, limits: VerdictLimits) -> int:
+        """Through how many views the best place has to be the best."""
+        config = self.config
+        is_strange = (
+            self.unexplained > limits.usual_unexplained
+            or self.violation_ratio > limits.usual_violation_ratio + config.slack
+        )
+        return max(config.min_views, is_strange * config.strange_views)
+
+    @property
     def margin_needed(self) -> float:
         """The margin from which on the best place is sure."""
         return self._margin_needed(self.places[0].log_likelihood if self.places else 0.0)
@@ -188,6 +228,7 @@ class Hypotheses:
     def _joined(self, place: Hypothesis, beams: Beams) -> Hypothesis:
         """With what the other views say for the place."""
         total, T_then, T_now_then = place.evidence.log_likelihood, place.T_map_base, SE2.identity()
+        violations = place.evidence.violation_ratio
         fit = self._relocalizer.surface_fit(beams, place)
         # back from view to view, so that the wheels are trusted from one to the next alone
         for view in reversed(self._witnesses):
@@ -197,7 +238,8 @@ class Hypotheses:
             T_then = refined.T_map_base
             total += refined.log_likelihood
             fit += self._relocalizer.surface_fit(view.beams, refined)
-        return replace(place, log_likelihood=total, surface_fit=fit)
+            violations += refined.violations
+        return replace(place, log_likelihood=total, surface_fit=fit, violations=violations)
 
     def _within_drift(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
         """The hypothesis near a pose, no farther than the wheels may be wrong; else the pose."""

@@ -74,8 +74,12 @@ class Guard:
     def telling_turn_rad(self, beams: Beams) -> float:
         """The turn on the spot after which a scan would tell most; 0 where none is needed."""
         search = self._search
-        if not self.is_lost or (search.places and search.margin >= search.margin_needed):
+        if not self.is_lost:
             return 0.0
+        if search.places and search.margin >= search.margin_needed:
+            # one place is left: other views of it may be missing
+            needed = search.views_needed(self._usual.limits(beams))
+            return self.config.turn_rad if search.streak < needed else 0.0
         return most_telling_turn(self.relocalizer, search.rivals, beams, self.config.turn_rad)
 
     def carry(self, moved: SE2) -> None:
@@ -315,18 +319,7 @@ class Guard:
 
     def _doubts(self, best: Hypothesis, match: ScanMatch, limits: VerdictLimits) -> tuple[str, ...]:
         """Why the best place is not to be believed yet, in words."""
-        search, doubts = self._search, []
-        if search.margin < search.margin_needed:
-            doubts.append(
-                f"another place fits nearly as well: log-likelihood margin {search.margin:.1f}"
-                f" of {search.margin_needed:.1f} needed, after {search.views} views"
-            )
-        if search.unexplained > search.config.max_unexplained:
-            doubts.append("the best place on the map explains too little of the scans")
-        if search.streak < search.config.min_views:
-            doubts.append(
-                f"the best place through {search.streak} of {search.config.min_views} views needed"
-            )
+        doubts = list(self._search.doubts(limits))
         if match.status is MatchStatus.DEGENERATE:
             doubts.append("the scan leaves a direction open")
         elif not match.is_matched:

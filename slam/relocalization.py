@@ -67,13 +67,15 @@ class Hypothesis:
     """A pose where a scan may have been taken, and what the scan says for it.
 
     log_likelihood: summed over the scans that were joined; evidence: of the last one. surface_fit:
-    summed as well, which of several that are nearly as likely comes first.
+    summed as well, which of several that are nearly as likely comes first. violations: shares of
+    beams that went through walls, summed as well.
     """
 
     T_map_base: SE2
     evidence: Evidence
     log_likelihood: float
     surface_fit: float = 0.0
+    violations: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +144,9 @@ class Relocalizer:
         evidence = evidence_of(
             beams, self.segment_map, self.laser, T_map_base, self.config.evidence
         )
-        return Hypothesis(T_map_base, evidence, evidence.log_likelihood)
+        return Hypothesis(
+            T_map_base, evidence, evidence.log_likelihood, violations=evidence.violation_ratio
+        )
 
     def surface_fit(self, beams: Beams, hypothesis: Hypothesis) -> float:
         """Log-likelihood of the scan's points to lie on the map's surfaces, at a pose as it is.

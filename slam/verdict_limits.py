@@ -26,12 +26,13 @@ class VerdictLimits:
 
     usual_inlier_ratio: fewer beams than that fit once in a hundred right poses; usual_violation_ratio:
     more go through walls as seldom. wrong_inlier_ratio: as many fit at one in a hundred poses where
-    the scan was not taken.
+    the scan was not taken. usual_unexplained: of log-likelihood, per beam: more is left as seldom.
     """
 
     usual_inlier_ratio: float
     usual_violation_ratio: float
     wrong_inlier_ratio: float
+    usual_unexplained: float
 
     @staticmethod
     def usual_for(relocalizer: Relocalizer, beams: Beams) -> VerdictLimits:
@@ -57,7 +58,7 @@ class VerdictLimits:
             return _UNKNOWN
         rng = np.random.default_rng(0)
         places = _places(relocalizer, rng)
-        right, violations, wrong = [], [], []
+        right, violations, wrong, unexplained = [], [], [], []
         last: Beams | None = None
         for T_map_base in places:
             scan = virtual_scan(relocalizer, beams, T_map_base, rng, people)
@@ -67,6 +68,7 @@ class VerdictLimits:
             at = relocalizer.at(scan, nearly).evidence
             right.append(at.inlier_ratio)
             violations.append(at.violation_ratio)
+            unexplained.append(at.unexplained)
             if last is not None:
                 wrong.append(relocalizer.at(last, T_map_base).evidence.inlier_ratio)
             last = scan
@@ -76,12 +78,13 @@ class VerdictLimits:
             float(np.percentile(right, 1.0)),
             float(np.percentile(violations, 99.0)),
             float(np.percentile(wrong, 99.0)),
+            float(np.percentile(unexplained, 99.0)),
         )
 
 
-_UNKNOWN = VerdictLimits(0.8, 0.1, 0.5)
+_UNKNOWN = VerdictLimits(0.8, 0.1, 0.5, 0.8)
 """Chosen: where a map has hardly a place from which walls are in reach, so that it teaches nothing;
-rooms and lasers of ours have 0.9 and more, 0.05 and less, and 0.3 to 0.6."""
+rooms and lasers of ours have 0.9 and more, 0.05 and less, 0.3 to 0.6, and 0.6 to 0.8."""
 
 
 @dataclass(frozen=True)
