@@ -116,7 +116,7 @@ class Run:
         indices = [index for index in sorted(log.records) if index < self.trials]
         records = [log.records[index] for index in indices]
         samples = [
-            sample
+            {"index": record["index"]} | sample
             for record in records
             if record["status"] == "ok"
             for sample in record.get("samples", [record])

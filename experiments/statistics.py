@@ -57,7 +57,7 @@ def _method_summary(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
         "rmse_mm": rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
         "rmse_mrad": rms(1000 * errors[:, 2]),
         **_against_bound(records, name),
-        **_consistency(believed),
+        **_consistency(records, name),
         **_over_all_scans(records, name),
         "warned": sum(bool(outcome["warnings"]) for outcome in outcomes),
     }
@@ -88,17 +88,25 @@ def _against_bound(records: list[dict[str, Any]], name: str) -> dict[str, float 
     }
 
 
-def _consistency(believed: list[dict[str, Any]]) -> dict[str, Any]:
+def _consistency(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
     """Mean NEES of the poses believed, and the band in which 95 % of such means lie if it is 3.
 
-    Beside them the median, 2.37 if it is chi-square, and the share beyond NEES_TAIL, 0.001.
+    The band is that of as many as are independent: the poses of one drive hang together. Beside
+    them the median, 2.37 if it is chi-square, and the share beyond NEES_TAIL, 0.001.
     """
-    values = np.array([outcome["nees"] for outcome in believed if outcome["nees"] is not None])
-    if not values.size:
+    told = [
+        (record["index"], method["nees"])
+        for record in records
+        if record["status"] == "ok"
+        and (method := record["methods"][name])["status"] == "matched"
+        and method["nees"] is not None
+    ]
+    if not told:
         return {"nees": None, "nees_band95": None, "nees_median": None, "nees_beyond": None}
+    drives, values = (np.array(column) for column in zip(*told, strict=True))
     return {
         "nees": float(values.mean()),
-        "nees_band95": nees_band(values.size),
+        "nees_band95": nees_band(independent_count(values, drives)),
         "nees_median": float(np.median(values)),
         "nees_beyond": float(np.mean(values > NEES_TAIL)),
     }
@@ -121,7 +129,21 @@ def _over_all_scans(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
     }
 
 
-def nees_band(count: int, dimensions: int = 3) -> tuple[float, float]:
+def independent_count(values: np.ndarray, groups: np.ndarray) -> float:
+    """As many independent values (N,) would have a mean as uncertain as these, of groups (N,).
+
+    The design effect of cluster sampling (Kish, Survey Sampling, 1965): the variance between the
+    means of groups over that of the values. No more than N; and N where no group has two values.
+    """
+    _, members, sizes = np.unique(groups, return_inverse=True, return_counts=True)
+    if len(sizes) in (1, len(values)):
+        return float(len(values))
+    means = np.bincount(members, values) / sizes
+    between = float(sizes @ np.square(means - values.mean())) / len(sizes)
+    return len(values) / max(between / max(float(values.var()), 1e-12), 1.0)
+
+
+def nees_band(count: float, dimensions: int = 3) -> tuple[float, float]:
     """Two-sided 95 % band of the mean of so many independent NEES (chi-square)."""
     freedom = count * dimensions
     # Wilson and Hilferty (1931): a cube root of chi-square is nearly normal, to 1e-4 from 30 on

@@ -27,7 +27,7 @@ DEFAULTS = TrialConfig()
 SPEED_MPS = 0.2
 """The paper's "about 20 cm/sec" (Section 4.2)."""
 SAMPLE_S = 2.0
-"""From one sample to the next the fused error is forgotten: the samples count as independent."""
+"""From one sample to the next most of the fused error is forgotten."""
 _ROOM_M = 0.1
 """Left around a circle: the wheels are not quite what the robot believes."""
 _MAX_DRAWS = 10_000

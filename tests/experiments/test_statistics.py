@@ -2,16 +2,24 @@
 
 import math
 
+import numpy as np
 import pytest
 from scipy.stats import binomtest, chi2
 
-from experiments.statistics import nees_band, summarised, wilson_interval
+from experiments.statistics import independent_count, nees_band, summarised, wilson_interval
 
 BOUND = {"position_m": 0.002, "heading_rad": 0.001}
 
 
 def trial(
-    x_cm: float, y_cm: float, theta_rad: float, *, success=True, status="matched", nees=None
+    x_cm: float,
+    y_cm: float,
+    theta_rad: float,
+    *,
+    success=True,
+    status="matched",
+    nees=None,
+    index=0,
 ) -> dict:
     outcome = {
         "status": status,
@@ -22,7 +30,7 @@ def trial(
         "nees": nees,
         "warnings": [],
     }
-    return {"status": "ok", "crlb": BOUND, "methods": {"line": outcome}}
+    return {"index": index, "status": "ok", "crlb": BOUND, "methods": {"line": outcome}}
 
 
 RAISED = {"status": "error", "error": "ValueError: no", "traceback": ""}
@@ -85,6 +93,32 @@ def test_nees_is_over_all_that_was_believed_right_or_wrong():
     result = summarised(records, ("line",))["line"]
     assert result["nees"] == pytest.approx(201.0)
     assert result["nees_band95"] == pytest.approx(nees_band(2))
+
+
+def test_nees_of_one_drive_count_for_as_many_as_are_independent():
+    rng = np.random.default_rng(5)
+    drives = np.repeat(np.arange(100), 15)
+    free = rng.chisquare(3, 1500)
+    assert independent_count(free, drives) > 1000
+    # all alike within a drive: as many as there are drives
+    assert independent_count(np.repeat(free[:100], 15), drives) == pytest.approx(100, rel=0.02)
+    # of means of such samples, 95 of 100 lie in the band, and far fewer in that of all of them
+    inside = np.zeros(2)
+    for _ in range(400):
+        shared = rng.normal(size=(3, 100)).repeat(15, axis=1)
+        values = np.square(0.8 * shared + 0.6 * rng.normal(size=(3, 1500))).sum(axis=0)
+        for which, count in enumerate((independent_count(values, drives), 1500)):
+            low, high = nees_band(count)
+            inside[which] += low < values.mean() < high
+    assert inside[0] / 400 > 0.91
+    assert inside[1] / 400 < 0.75
+
+
+def test_nees_band_of_a_run_is_that_of_its_drives():
+    records = [trial(0.1, 0.0, 0.0, nees=one, index=i) for i, one in enumerate([1.0, 5.0])]
+    alone = summarised(records, ("line",))["line"]["nees_band95"]
+    assert alone == pytest.approx(nees_band(2))
+    assert summarised(records * 9, ("line",))["line"]["nees_band95"] == pytest.approx(alone)
 
 
 @pytest.mark.parametrize("count", [10, 100, 1000])
