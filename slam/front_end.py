@@ -41,7 +41,8 @@ class FrontEndConfig:
     pose found around must be better; better_against: one that the wheels contradict: odometry that
     jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
     where the scans broke off. min_points: fewer tell nothing. most_blind_m: by the wheels alone; after
-    more, they lie outside of what is searched, and a scan that fits may be one that looks the same.
+    more, they lie outside of what is searched, and a scan that fits may be one that looks the same;
+    fastest_mps: wheels that tell of more have jumped.
     range_max_m: farther ends of beams are left out. Chosen, all of these.
     """
 
@@ -61,6 +62,7 @@ class FrontEndConfig:
     break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
     min_points: int = 20
     most_blind_m: float = 5.0
+    fastest_mps: float = 10.0
     range_max_m: float = 40.0
 
 
@@ -119,7 +121,7 @@ class FrontEnd:
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
         self._last_scan: LaserScan | None = None
-        self._blind_m = 0.0
+        self._blind_m, self._last_s = 0.0, -math.inf
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
@@ -129,6 +131,7 @@ class FrontEnd:
         T_predicted = T_last @ measurement.motion
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
         self._P = compose_covariance(self._P, measurement.motion, spread)
+        self._blind_m += self._way_m(measurement)
         match, status = self._placed(measurement, points, T_last, T_predicted)
         self.T_map_base = T_predicted
         inlier_ratio = 0.0
@@ -139,7 +142,6 @@ class FrontEnd:
         elif status is StepStatus.BROKEN:
             self._P = self._P + np.diag(np.square(self.config.break_sigma))
         is_new = self._is_new(status, points)
-        self._blind_m += math.hypot(measurement.motion.x, measurement.motion.y)
         if is_new or match is not None:
             self._blind_m = 0.0
         if is_new:
@@ -152,6 +154,12 @@ class FrontEnd:
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
             inlier_ratio, is_new,
         )  # fmt: skip
+
+    def _way_m(self, measurement: Measurement) -> float:
+        """Of the wheels since the last scan; 0 where it is too fast for any: odometry that jumps."""
+        way_m = math.hypot(measurement.motion.x, measurement.motion.y)
+        elapsed_s, self._last_s = measurement.time_s - self._last_s, measurement.time_s
+        return way_m if way_m <= self.config.fastest_mps * elapsed_s else 0.0
 
     def _beams(self, measurement: Measurement) -> Beams:
         straightener, scan = self._straightener, measurement.scan

@@ -12,6 +12,7 @@ from slam.loop_closing import LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, MapVerdict, acquitted, judged
 from slam.mapping import Mapper, MapperConfig
 from slam.metrics import absolute_errors
+from slam.odometry import compose_covariance
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
@@ -120,6 +121,30 @@ def test_scans_after_a_long_way_by_the_wheels_alone_are_matched_with_none_before
     short = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), 100, 120))
     assert short.steps[120].status is not StepStatus.BROKEN
     assert short.verdict.is_good
+
+
+def without(measurements, first: int, last: int):
+    """The same from which the scans from one to before another are missing; the wheels go on."""
+    motion, covariance = SE2.identity(), np.zeros((3, 3))
+    for one in measurements[first : last + 1]:
+        covariance = compose_covariance(covariance, one.motion, one.motion_covariance)
+        motion = motion @ one.motion
+    joined = replace(measurements[last], motion=motion, motion_covariance=covariance)
+    return [*measurements[:first], joined, *measurements[last + 1 :]]
+
+
+def test_way_without_any_scan_is_by_the_wheels_alone_too(poses):
+    told = ring.drive(poses, np.random.default_rng(2))
+    found = mapped(without(told, 100, 160))
+    assert found.steps[100].status is StepStatus.BROKEN
+    assert found.verdict.is_good
+    # a last scan after such a way is tied by nothing
+    assert not mapped(without(told[:161], 100, 160)).verdict.is_good
+    assert mapped(without(told, 100, 120)).steps[100].status is not StepStatus.BROKEN
+    # faster than any robot: the odometry jumped, the robot did not
+    jump = replace(told[160], motion=told[160].motion @ SE2(7.0, 0.0, 0.0))
+    jumped = mapped([*told[:160], jump, *told[161:]])
+    assert jumped.steps[160].status is not StepStatus.BROKEN
 
 
 @pytest.mark.parametrize(("first", "last"), [(0, 60), (340, 1000)])
