@@ -21,7 +21,8 @@ from experiments.memory import resident_mb
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, wheels_summary
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
-from slam.front_end import StepStatus
+from slam.drive_monitor import told_by_wheels_alone
+from slam.front_end import FrontEndConfig, StepStatus
 from slam.map_files import write_map
 from slam.mapping import Mapper, MapperConfig, MapperStep
 from slam.metrics import read_relations
@@ -232,6 +233,8 @@ def _driven(log: Log, mapper: Mapper, known: SlamMap | None, on_scan: OnScan | N
     after_mb = resident_mb()
     memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
+    objections = _without_scans(np.array(times_s), np.array(odometry), scan_rows)
+    slam_map = replace(slam_map, verdict=slam_map.verdict.with_reasons(objections))
     finish_s = time.thread_time() - started_s - online_s
     of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(
@@ -244,6 +247,18 @@ def _driven(log: Log, mapper: Mapper, known: SlamMap | None, on_scan: OnScan | N
     )  # fmt: skip
 
 
+def _without_scans(times_s: FloatArray, odometry: FloatArray, scan_rows: list[int]) -> list[str]:
+    """In words, where the log begins or ends with a long way and no scans at all."""
+    if not scan_rows:
+        return []
+    said = []
+    for part in (slice(0, scan_rows[0] + 1), slice(scan_rows[-1], None)):
+        way_m = float(np.hypot(*np.diff(odometry[part, :2], axis=0).T).sum())
+        if way_m > FrontEndConfig.most_blind_m:
+            said.append(told_by_wheels_alone(times_s[part][0], times_s[part][-1], way_m))
+    return said
+
+
 def _of_records(
     log: Log,
     times_s: np.ndarray,
@@ -251,7 +266,7 @@ def _of_records(
     scan_rows: np.ndarray,
     of_scans: Trajectory,
 ) -> Trajectory:
-    """The pose of every record from the first scan to the last; of scans alone without odometry."""
+    """The pose of every record; of scans alone without odometry."""
     if not log.has_odometry:
         return of_scans
     # by the rows of the log: stamps may go back

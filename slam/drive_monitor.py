@@ -68,11 +68,16 @@ def blind_stretches(steps: Sequence[FrontEndStep], most_blind_m: float) -> list[
             places = np.array([(step.T_map_base.x, step.T_map_base.y) for step in part])
             way_m = float(np.hypot(*np.diff(places, axis=0).T).sum())
             if way_m > most_blind_m:
-                said.append(
-                    f"from {part[0].time_s:.2f} to {part[-1].time_s:.2f} s, over {way_m:.0f} m, no"
-                    " scan tells where the robot is: these poses are the wheels' alone"
-                )
+                said.append(told_by_wheels_alone(part[0].time_s, part[-1].time_s, way_m))
     return said
+
+
+def told_by_wheels_alone(from_s: float, to_s: float, way_m: float) -> str:
+    """That no scan says where the robot was, in words."""
+    return (
+        f"from {from_s:.2f} to {to_s:.2f} s, over {way_m:.0f} m, no scan tells where the robot is:"
+        " these poses are the wheels' alone"
+    )
 
 
 def _tells(step: FrontEndStep) -> bool:

@@ -1,5 +1,6 @@
 """`kitasap slam` on a stretch of a real log: what it writes, and what it refuses."""
 
+import gzip
 import json
 from pathlib import Path
 
@@ -90,6 +91,28 @@ def test_robot_finds_itself_on_the_map_it_made(folder, tmp_path):
 @pytest.fixture
 def no_picture(monkeypatch):
     monkeypatch.setattr("experiments.figures.slam_map_picture", lambda *_: None)
+
+
+@pytest.mark.usefixtures("no_picture")
+@pytest.mark.parametrize("is_after", [True, False])
+def test_log_with_a_long_way_and_no_scans_at_an_end_is_called_failed(tmp_path, capsys, is_after):
+    lines = gzip.decompress(LOG.read_bytes()).decode().splitlines(keepends=True)
+    told = [line.split() for line in lines if line.startswith("ODOM")][-1 if is_after else 0]
+    stamp_s = float(told[-3])
+    way = []
+    for k in range(1, 31):
+        # 0.3 m each: 9 m
+        offset = k if is_after else k - 31
+        told[1] = f"{float(told[1]) + 0.3:.4f}"
+        told[-3] = told[-1] = f"{stamp_s + offset:.4f}"
+        way.append(" ".join(told) + "\n")
+    path = tmp_path / "way.clf"
+    path.write_text("".join([*lines, *way] if is_after else [*way, *lines]))
+    assert main(["slam", str(path), "--out", str(tmp_path / "out")]) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "no scan tells where the robot is: these poses are the wheels' alone" in said
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert len(read_tum(tmp_path / "out" / "trajectory.tum")) == summary["records"]
 
 
 @pytest.mark.usefixtures("no_picture")
