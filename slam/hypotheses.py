@@ -29,7 +29,8 @@ class HypothesesConfig:
     share of what the best leaves unexplained. max_unexplained: more than that is sure of nothing.
     strange_views: instead of min_views where more is left unexplained than usual, by people or by
     another building, or where beams went through walls, by so much more than is usual as slack;
-    where both is so, nothing is sure. 0: not asked.
+    where both is so, nothing is sure. 0: not asked. around_m, around_rad: between the first of these
+    views and the last the robot went or turned so far.
     chosen on the Intel, ACES and Freiburg logs.
     """
 
@@ -47,6 +48,8 @@ class HypothesesConfig:
     max_unexplained: float = 1.2
     strange_views: int = 3
     slack: float = 0.02
+    around_m: float = 0.5
+    around_rad: float = math.radians(60.0)
 
     @staticmethod
     def fit_for(segment_map: SegmentMap) -> HypothesesConfig:
@@ -90,6 +93,8 @@ class Hypotheses:
         self._relocalizer = relocalizer
         self._views: list[_View] = []
         self._witnesses: list[_View] = []
+        self.suggested: tuple[Hypothesis, ...] | None = None
+        self._went_m = self._turned_rad = 0.0
         self.streak = 0
         """Views in a row through which the best place has been the same."""
 
@@ -100,6 +105,8 @@ class Hypotheses:
 
     def move(self, motion: SE2) -> None:
         """Carries all places along with the robot."""
+        self._went_m += math.hypot(motion.x, motion.y)
+        self._turned_rad += abs(motion.theta)
         back = motion.inverse()
         for view in self._views:
             view.T_now_then = back @ view.T_now_then
@@ -107,13 +114,19 @@ class Hypotheses:
             replace(place, T_map_base=place.T_map_base @ motion) for place in self.places
         )
 
-    def look(self, beams: Beams) -> tuple[Hypothesis, ...]:
-        """The places once more, with one scan more; those that the scan alone suggests among them."""
+    def look(
+        self, beams: Beams, suggested: tuple[Hypothesis, ...] | None = None
+    ) -> tuple[Hypothesis, ...]:
+        """The places once more, with one scan more; those that the scan alone suggests among them.
+
+        suggested: those, where they are known already.
+        """
         is_new_view = self._see(beams)
         before = self.places[:1]
         relocalizer = self._relocalizer
         starts = [relocalizer.refined(beams, place.T_map_base) for place in self.places]
-        starts += relocalizer(beams)
+        self.suggested = tuple(relocalizer(beams)) if suggested is None else suggested
+        starts += self.suggested
         # however bad a place is by this scan alone, the other views may speak for it
         joined = [self._joined(start, beams) for start in relocalizer.distinct(starts, math.inf)]
         most = max((one.log_likelihood for one in joined), default=0.0)
@@ -123,7 +136,7 @@ class Hypotheses:
         if not (before and self.places) or not self.places[0].T_map_base.is_near(
             before[0].T_map_base, *drift
         ):
-            self.streak = 1
+            self.streak, self._went_m, self._turned_rad = 1, 0.0, 0.0
         elif is_new_view:
             self.streak += 1
         return self.places
@@ -152,31 +165,46 @@ class Hypotheses:
 
     def doubts(self, limits: VerdictLimits) -> tuple[str, ...]:
         """Why the best place is not to be believed yet, in words; none of it, if it is."""
-        config, doubts = self.config, []
+        doubts = []
         if self.margin < self.margin_needed:
             doubts.append(
                 f"another place fits nearly as well: log-likelihood margin {self.margin:.1f}"
                 f" of {self.margin_needed:.1f} needed, after {self.views} views"
             )
-        if self.unexplained > config.max_unexplained:
-            doubts.append("the best place on the map explains too little of the scans")
-        is_little = self.unexplained > limits.usual_unexplained
-        are_walls_missing = self.violation_ratio > limits.usual_violation_ratio
-        if config.strange_views and is_little and are_walls_missing:
-            doubts.append("the best place on the map explains little, and walls are missing there")
+        doubts += self.misfits(limits)
         views_needed = self.views_needed(limits)
         if self.streak < views_needed:
             doubts.append(f"the best place through {self.streak} of {views_needed} views needed")
+        elif not self.is_enough(limits):
+            doubts.append("the best place explains little, and only through a small turn yet")
         return tuple(doubts)
+
+    def misfits(self, limits: VerdictLimits) -> tuple[str, ...]:
+        """Why the best place may be none at all, in words: the scans may be of another building."""
+        config, said = self.config, []
+        if self.unexplained > config.max_unexplained:
+            said.append("the best place on the map explains too little of the scans")
+        is_little = self.unexplained > limits.usual_unexplained
+        are_walls_missing = self.violation_ratio > limits.usual_violation_ratio
+        if config.strange_views and is_little and are_walls_missing:
+            said.append("the best place on the map explains little, and walls are missing there")
+        return tuple(said)
+
+    def is_enough(self, limits: VerdictLimits) -> bool:
+        """Whether the best place was that through enough views, far enough from each other."""
+        config = self.config
+        is_around = self._went_m >= config.around_m or self._turned_rad >= config.around_rad
+        return self.streak >= self.views_needed(limits) and (
+            is_around or not (config.strange_views and self._is_strange(limits))
+        )
 
     def views_needed(self, limits: VerdictLimits) -> int:
         """Through how many views the best place has to be the best."""
-        config = self.config
-        is_strange = (
-            self.unexplained > limits.usual_unexplained
-            or self.violation_ratio > limits.usual_violation_ratio + config.slack
-        )
-        return max(config.min_views, is_strange * config.strange_views)
+        return max(self.config.min_views, self._is_strange(limits) * self.config.strange_views)
+
+    def _is_strange(self, limits: VerdictLimits) -> bool:
+        most_through = limits.usual_violation_ratio + self.config.slack
+        return self.unexplained > limits.usual_unexplained or self.violation_ratio > most_through
 
     @property
     def margin_needed(self) -> float:
@@ -209,6 +237,11 @@ class Hypotheses:
         alike = _behind(places, self.config.min_margin)
         first = sorted(alike, key=lambda place: -(place.log_likelihood + place.surface_fit))
         return (*first, *places[len(alike) :])
+
+    @property
+    def has_view_from_here(self) -> bool:
+        """Whether a scan has been taken up from here, or so near by that it is the same view."""
+        return any(self._is_same(view) for view in self._views)
 
     def _see(self, beams: Beams) -> bool:
         """Takes up a scan; whether from where none was taken before."""

@@ -16,6 +16,7 @@ from slam.look import Look, Step
 from slam.lost import Guard
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
+from slam.odometry import compose_covariance
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.straightening import Straightener
@@ -135,6 +136,7 @@ class Localizer:
             fastest=self.config.fastest,
         )
         self._last: Measurement | None = None
+        self._T_last, self._moved_noise = T_map_base, np.zeros((3, 3))
         self._claims_nothing = False
         self._match_scale, self._fused = 1.0, 0
         self._offset_m = 0.0
@@ -148,10 +150,12 @@ class Localizer:
         """One pass of Fig. 2. Without a match the prediction stands."""
         measurement = replace(measurement, scan=measurement.scan.cut(self.config.range_max_m))
         motion, noise = measurement.motion, measurement.motion_covariance
-        T_last, beam_times_s = self.T_map_base, measurement.scan.beam_times_s
+        T_last, beam_times_s = self._T_last, measurement.scan.beam_times_s
         moved = self._predict(measurement.time_s, beam_times_s, motion, noise)  # step 1
         T_predicted = self.T_map_base
-        judged, said = self._judged(measurement, T_last, moved)
+        since = compose_covariance(self._moved_noise, motion, noise)
+        step = Step(T_last, T_predicted, self._filter.covariance, since)
+        judged, said = self._judged(measurement, step, moved)
         # a match that is not to be used leaves the prediction as it is
         match = judged.match or ScanMatch(T_predicted, _UNUSED[judged.verdict.status])
         self._last = measurement
@@ -161,6 +165,7 @@ class Localizer:
             self._restart(match)
         else:
             nis = self._correct(match)
+        self._T_last, self._moved_noise = self.T_map_base, np.zeros((3, 3))
         fit = match.fit if match.is_matched else None
         # as it would be had the matches' covariances not been widened to fit
         unscaled = None if nis is None else nis * scale
@@ -177,8 +182,9 @@ class Localizer:
     def move(self, time_s: float, motion: SE2, motion_covariance: FloatArray) -> None:
         """Follows the wheels to a time without a scan, as `update` would first do."""
         moved = self._predict(time_s, None, motion, motion_covariance)
+        self._moved_noise = compose_covariance(self._moved_noise, motion, motion_covariance)
         if self.guard is not None:
-            self.guard.carry(moved)
+            self.guard.follow(moved)
 
     def telling_turn_rad(self) -> float:
         """The turn on the spot [rad] after which a scan would tell most of where the robot is.
@@ -190,7 +196,7 @@ class Localizer:
         return self.guard.telling_turn_rad(self._beams_of(self._last.scan))
 
     def _judged(
-        self, measurement: Measurement, T_last: SE2, moved: SE2
+        self, measurement: Measurement, step: Step, moved: SE2
     ) -> tuple[Judgement, tuple[str, ...]]:
         """The scan matched, and what to make of it; while lost, searched for all over the map. What
         is to be said of the scan itself as well."""
@@ -201,7 +207,6 @@ class Localizer:
                 guard.carry(moved)
             return Judgement(Verdict(Status.UNSURE, (_FROZEN,)), None), ()
         look, T_predicted = self._look(measurement), self.T_map_base
-        step = Step(T_last, T_predicted, self._filter.covariance, measurement.motion_covariance)
         if guard is not None:
             judged = guard.search(look, moved) if guard.is_lost else guard.carried_off(look, step)
             if judged is not None:

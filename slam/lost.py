@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from slam.beams import Beams
 from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
 from slam.laser_faults import LaserFaultConfig, blocked, is_covered, says_nothing
+from slam.last_views import LastViews
 from slam.look import Fit, Look, Step
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
@@ -18,6 +19,7 @@ from slam.verdict import Judgement, Status, Verdict
 from slam.verdict_limits import VerdictLimits
 
 _ELSEWHERE = "carried away: the scan fits another place far better"
+_OUTVOTED = "carried away: the last views together fit another place far better"
 _MOVED = "moved by no wheel, and the scan fits another place nearly as well"
 
 
@@ -58,7 +60,7 @@ class Guard:
         self.relocalizer = relocalizer
         self.config = config or GuardConfig()
         self.is_lost = False
-        self._search = self._hypotheses()
+        self._search, self._views = self._hypotheses(), self._last_views()
         self._slip = SlipMonitor(self.config.slip)
         self._usual = UsualFit(relocalizer, self.config.usual)
         self._lost_s: float | None = None
@@ -78,15 +80,19 @@ class Guard:
             return 0.0
         if search.places and search.margin >= search.margin_needed:
             # one place is left: other views of it may be missing
-            needed = search.views_needed(self._usual.limits(beams))
-            return self.config.turn_rad if search.streak < needed else 0.0
+            is_enough = search.is_enough(self._usual.limits(beams))
+            return 0.0 if is_enough else self.config.turn_rad
         return most_telling_turn(self.relocalizer, search.rivals, beams, self.config.turn_rad)
 
-    def carry(self, moved: SE2) -> None:
-        """Takes a motion without a scan that says anything."""
-        self._slip.clear()
+    def follow(self, moved: SE2) -> None:
+        """Takes a part of the motion to the next scan."""
         if self.is_lost:
             self._search.move(moved)
+
+    def carry(self, moved: SE2) -> None:
+        """Takes a motion with a scan that says nothing."""
+        self._slip.clear()
+        self.follow(moved)
 
     def search(self, look: Look, moved: SE2) -> Judgement:
         """While lost: the places once more, by this scan too; tracking as soon as one is sure."""
@@ -154,6 +160,9 @@ class Guard:
     def _hypotheses(self) -> Hypotheses:
         return Hypotheses(self.relocalizer, self.config.hypotheses)
 
+    def _last_views(self) -> LastViews:
+        return LastViews(self._hypotheses(), self.relocalizer)
+
     def _looked(self, look: Look) -> Hypotheses:
         """The places that a scan alone suggests, searched for once."""
         if self._found is None or self._found[0] is not look:
@@ -198,7 +207,23 @@ class Guard:
             if found.places and found.beats(fit.T_map_base, look.beams):
                 return self._beaten_by(found, fit.misfits, look)
         self._beaten = 0
-        return Judgement(Verdict(Status.TRACKING, fit.misfits), fit.match)
+        return self._by_views(fit, look)
+
+    def _by_views(self, fit: Fit, look: Look) -> Judgement:
+        """Tracking, unless the last views together say otherwise.
+
+        Lost where they surely are of another place; unsure where they fit nowhere on an exact map.
+        """
+        limits = self._usual.limits(look.beams)
+        if self._views.is_new_from(fit.T_map_base):
+            suggested, views = self._looked(look).suggested, self._views
+            if views.is_elsewhere(look.beams, suggested, limits):
+                found = views.hypotheses
+                match = look.matched(found.places[0].T_map_base)
+                return self._lost(found, (_OUTVOTED, *fit.misfits), match, look.time_s)
+        odd = self._views.misfits(limits)
+        status = Status.UNSURE if odd else Status.TRACKING
+        return Judgement(Verdict(status, (*odd, *fit.misfits)), fit.match)
 
     def _slipped(self, fit: Fit, step: Step) -> Judgement | None:
         """A match behind where the wheels lead, which fits; None where that is no slip."""
@@ -240,7 +265,10 @@ class Guard:
         self._unexplained = 0
         # worse than usual, but best explained where the robot believes to be: people in the way
         self._checked = fit.evidence.inlier_ratio, fit.T_map_base
-        return Judgement(Verdict(Status.TRACKING, fit.misfits), fit.match)
+        if len(fit.misfits) > 1 and self.relocalizer.segment_map.is_exact:
+            # people hide walls; that beams go through them as well is another building's
+            return Judgement(Verdict(Status.UNSURE, fit.misfits), fit.match)
+        return self._by_views(fit, look)
 
     def _blocked_or_carried(self, blocked: str, look: Look, step: Step) -> Judgement:
         """A laser with something on it, unless there is a wall as near at another place."""
@@ -279,7 +307,7 @@ class Guard:
         self.is_lost, self._lost_s, self._checked = True, time_s, None
         self._unexplained = self._beaten = 0
         self._slip.clear()
-        self._search = found
+        self._search, self._views = found, self._last_views()
         verdict = Verdict(Status.LOST, reasons, found.places)
         return Judgement(verdict, match, is_restart=match is not None)
 
@@ -303,7 +331,7 @@ class Guard:
             return Judgement(verdict, match, is_restart=True)
         self.is_lost, self._lost_s = False, None
         self._search = self._hypotheses()
-        verdict = Verdict(Status.TRACKING, misfits, places, look.time_s - lost_s)
+        verdict = Verdict(Status.TRACKING, misfits, places, max(look.time_s - lost_s, 0.0))
         return Judgement(verdict, match, is_restart=True)
 
     def _match_at(self, best: Hypothesis, look: Look) -> ScanMatch:

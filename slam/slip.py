@@ -19,13 +19,16 @@ _MATCH_SIGMA = np.array([0.01, 0.01, 0.01])
 class SlipConfig:
     """When wheels slip.
 
-    scans, way_m: over so many scans at most, and such a way, they are compared with the scans.
+    way_m: of such a way they are compared with the scans; anchors: poses on it, apart_m or apart_rad
+    from one to the next, so that it is as long however slow the robot or fast the laser is.
     off_m, off_rad: by which the two may differ. max_nis: normalised innovation squared by the
     wheels' own noise that is no chance: 30 is exceeded once in a million. Chosen, all of these.
     """
 
-    scans: int = 10
     way_m: float = 0.5
+    anchors: int = 10
+    apart_m: float = 0.015
+    apart_rad: float = math.radians(3.0)
     off_m: float = 0.05
     off_rad: float = math.radians(3.0)
     max_nis: float = 30.0
@@ -36,11 +39,13 @@ class SlipMonitor:
 
     def __init__(self, config: SlipConfig | None = None) -> None:
         self.config = config or SlipConfig()
-        self._way: deque[tuple[SE2, SE2, FloatArray]] = deque(maxlen=self.config.scans)
+        self._way: deque[tuple[SE2, SE2, FloatArray]] = deque(maxlen=self.config.anchors)
+        self._motion, self._noise = SE2.identity(), np.zeros((3, 3))
 
     def clear(self) -> None:
         """Forgets the way: after it no scan tells where the robot was."""
         self._way.clear()
+        self._motion, self._noise = SE2.identity(), np.zeros((3, 3))
 
     def take(self, T_matched: SE2, told: SE2, noise: FloatArray) -> str:
         """That wheels and scans have gone different ways, in words; or nothing.
@@ -49,15 +54,21 @@ class SlipMonitor:
         wheels, noise: (3, 3) of its tangent.
         """
         way, config = self._way, self.config
-        way.append((T_matched, told, noise))
-        motion, bound = SE2.identity(), 2.0 * np.diag(np.square(_MATCH_SIGMA))
-        T_then, went_m = T_matched, 0.0
+        self._motion, self._noise = self._motion @ told, self._noise + noise
+        motion, bound = self._motion, self._noise + 2.0 * np.diag(np.square(_MATCH_SIGMA))
+        went_m = math.hypot(motion.x, motion.y)
+        T_then = way[-1][0] if way else T_matched
         for k in range(len(way) - 1, 0, -1):
+            if went_m > config.way_m:  # scans far apart: not the drift of ten metres
+                break
             _, step, spread = way[k]
             motion, bound, T_then = step @ motion, bound + spread, way[k - 1][0]
             went_m += math.hypot(step.x, step.y)
-            if went_m > config.way_m:  # scans far apart: not the drift of ten metres
-                break
+        if not way:
+            motion = SE2.identity()
+        if not way or not self._motion.is_near(SE2.identity(), config.apart_m, config.apart_rad):
+            way.append((T_matched, self._motion, self._noise))
+            self._motion, self._noise = SE2.identity(), np.zeros((3, 3))
         seen = T_then.inverse() @ T_matched
         off = (motion.inverse() @ seen).log()
         if math.hypot(off[0], off[1]) < config.off_m and abs(off[2]) < config.off_rad:

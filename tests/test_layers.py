@@ -66,6 +66,7 @@ RANKS = (
         "laser_faults",
         "slip",
         "usual_fit",
+        "last_views",
         "look",
         "lost",
         "front_end",
