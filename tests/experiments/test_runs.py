@@ -21,7 +21,15 @@ from tests.experiments.refusals import line_of_refusal
 REPOSITORY = Path(__file__).parents[2]
 
 # Long enough to be met in the middle: 80 ms each, most of it the hand that carries the robot.
-KIDNAPS = 20
+KIDNAPS = 12
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_figures():
+    """Those of a whole run, two seconds each: test_figures looks at them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("experiments.figures.run_figures", lambda _: None)
+        yield
 
 
 def results(folder: Path) -> tuple[bytes, bytes]:
