@@ -140,10 +140,11 @@ def test_way_without_any_scan_is_by_the_wheels_alone_too(poses):
     assert found.verdict.is_good
     # a last scan after such a way is tied by nothing
     assert not mapped(without(told[:161], 100, 160)).verdict.is_good
-    assert mapped(without(told, 100, 120)).steps[100].status is not StepStatus.BROKEN
+    short = mapped(without(told[:130], 100, 120))
+    assert short.steps[100].status is not StepStatus.BROKEN
     # faster than any robot: the odometry jumped, the robot did not
     jump = replace(told[160], motion=told[160].motion @ SE2(7.0, 0.0, 0.0))
-    jumped = mapped([*told[:160], jump, *told[161:]])
+    jumped = mapped([*told[:160], jump, *told[161:170]])
     assert jumped.steps[160].status is not StepStatus.BROKEN
 
 
