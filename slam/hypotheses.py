@@ -195,7 +195,7 @@ class Hypotheses:
         config = self.config
         is_around = self._went_m >= config.around_m or self._turned_rad >= config.around_rad
         return self.streak >= self.views_needed(limits) and (
-            is_around or not (config.strange_views and self._is_strange(limits))
+            is_around or not self._is_strange(limits)
         )
 
     def views_needed(self, limits: VerdictLimits) -> int:
@@ -203,6 +203,8 @@ class Hypotheses:
         return max(self.config.min_views, self._is_strange(limits) * self.config.strange_views)
 
     def _is_strange(self, limits: VerdictLimits) -> bool:
+        if not self.config.strange_views:
+            return False
         most_through = limits.usual_violation_ratio + self.config.slack
         return self.unexplained > limits.usual_unexplained or self.violation_ratio > most_through
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses
+from slam.hypotheses import Hypotheses, HypothesesConfig
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.se2 import SE2
 from slam.verdict_limits import VerdictLimits
@@ -16,8 +16,8 @@ class LastViews:
     of a way tell.
     """
 
-    def __init__(self, hypotheses: Hypotheses, relocalizer: Relocalizer) -> None:
-        self.hypotheses = hypotheses
+    def __init__(self, relocalizer: Relocalizer, config: HypothesesConfig | None) -> None:
+        self.hypotheses = Hypotheses(relocalizer, config)
         self._is_exact = relocalizer.segment_map.is_exact
         self._T_last: SE2 | None = None
 

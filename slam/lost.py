@@ -161,7 +161,7 @@ class Guard:
         return Hypotheses(self.relocalizer, self.config.hypotheses)
 
     def _last_views(self) -> LastViews:
-        return LastViews(self._hypotheses(), self.relocalizer)
+        return LastViews(self.relocalizer, self.config.hypotheses)
 
     def _looked(self, look: Look) -> Hypotheses:
         """The places that a scan alone suggests, searched for once."""

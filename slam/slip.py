@@ -54,19 +54,20 @@ class SlipMonitor:
         wheels, noise: (3, 3) of its tangent.
         """
         way, config = self._way, self.config
+        if not way:
+            way.append((T_matched, SE2.identity(), np.zeros((3, 3))))
+            return ""
         self._motion, self._noise = self._motion @ told, self._noise + noise
         motion, bound = self._motion, self._noise + 2.0 * np.diag(np.square(_MATCH_SIGMA))
         went_m = math.hypot(motion.x, motion.y)
-        T_then = way[-1][0] if way else T_matched
+        T_then = way[-1][0]
         for k in range(len(way) - 1, 0, -1):
             if went_m > config.way_m:  # scans far apart: not the drift of ten metres
                 break
             _, step, spread = way[k]
             motion, bound, T_then = step @ motion, bound + spread, way[k - 1][0]
             went_m += math.hypot(step.x, step.y)
-        if not way:
-            motion = SE2.identity()
-        if not way or not self._motion.is_near(SE2.identity(), config.apart_m, config.apart_rad):
+        if not self._motion.is_near(SE2.identity(), config.apart_m, config.apart_rad):
             way.append((T_matched, self._motion, self._noise))
             self._motion, self._noise = SE2.identity(), np.zeros((3, 3))
         seen = T_then.inverse() @ T_matched

@@ -41,12 +41,12 @@ def execute(run: Run, jobs: int = 1) -> dict:
 
 
 def test_jobs_and_a_cut_run_give_the_same_bytes(tmp_path, quick_config):
-    config = replace(quick_config, methods=("line", "paper"))
+    config = replace(quick_config, methods=("line", "paper", "open3d"))
     execute(Run("localization", config, 0, 4, tmp_path / "one"))
     execute(Run("localization", config, 0, 4, tmp_path / "two"), jobs=2)
     whole = results(tmp_path / "one")
     assert len(whole[0].splitlines()) == 4
-    assert len(whole[1].splitlines()) == 1 + 4 * 2
+    assert len(whole[1].splitlines()) == 1 + 4 * 3
     assert results(tmp_path / "two") == whole
 
     # a crash in the middle of the third line

@@ -41,9 +41,9 @@ def test_every_place_has_something_that_can_be_pushed(name):
     for height_m in HEIGHTS_M:
         piece = place.movable(height_m)
         assert not any(word in piece for word in ("wall", "column", "pillar", "post", "door"))
-        distance_m = 0.1 if height_m == HEIGHTS_M[0] else 0.3
-        push_m = place.pushed(piece, distance_m, np.random.default_rng(0))
-        assert math.hypot(*push_m) == pytest.approx(distance_m)
+        for seed, distance_m in enumerate((0.1, 0.2, 0.3)):
+            push_m = place.pushed(piece, distance_m, np.random.default_rng(seed))
+            assert math.hypot(*push_m) == pytest.approx(distance_m)
     moved = place.rearranged({piece: push_m})
     assert moved.start == pytest.approx(place.start)
     assert moved.is_free(moved.track_m).all()  # the robot still drives its track

@@ -37,7 +37,7 @@ def gaps_to(points, segments):
 @pytest.mark.parametrize("name", place_names())
 def test_no_leg_is_ever_within_a_solid_or_the_robot(name):
     place = Place(name)
-    legs, robot = walked(crowded(place, None, people=4), 20.0, every_s=0.1)
+    legs, robot = walked(crowded(place, None, people=4), 30.0, every_s=0.1)
     points = legs.reshape(-1, 2)
     for height_m in (0.10, 0.40):
         segments = place.map_at(height_m).segments_m

@@ -7,7 +7,7 @@ import pytest
 
 from slam import SE2, Status
 from tests.slam.guarded import LASER, STILL, Robot, made
-from tests.slam.synthetic import ROOM_SEGMENTS, scan_of
+from tests.slam.synthetic import ROOM_SEGMENTS, box, scan_of
 
 TURN = SE2(0.0, 0.0, 0.7)
 
@@ -17,14 +17,9 @@ def room():
     return made(ROOM_SEGMENTS)
 
 
-def rectangle(x0, y0, x1, y1):
-    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
-    return np.stack([corners[:-1], corners[1:]], axis=1)
-
-
 OTHERS = {
-    "smaller": rectangle(0.0, 0.0, 4.2, 2.8),
-    "with a table": np.concatenate([rectangle(0, 0, 4.2, 2.8), rectangle(1.8, 0, 2.6, 0.5)]),
+    "smaller": box(0.0, 0.0, 4.2, 2.8),
+    "with a table": np.concatenate([box(0, 0, 4.2, 2.8), box(1.8, 0, 2.6, 0.5)]),
     "of the same shape": 0.8 * ROOM_SEGMENTS,
 }
 
@@ -51,7 +46,7 @@ def test_robot_in_a_crowd_is_sure_after_a_look_around(room):
             robot.at = robot.at @ TURN
             away = rng.uniform(0.5, 1.4, 5), rng.uniform(-math.pi, math.pi, 5)
             people = [
-                rectangle(x - 0.12, y - 0.12, x + 0.12, y + 0.12)
+                box(x - 0.12, y - 0.12, x + 0.12, y + 0.12)
                 for x, y in zip(
                     robot.at.x + away[0] * np.cos(away[1]),
                     robot.at.y + away[0] * np.sin(away[1]),

@@ -8,17 +8,13 @@ import pytest
 
 from slam import SE2, Measurement, Status
 from tests.slam.guarded import LASER, START, STILL, Robot, made
-from tests.slam.synthetic import ROOM_SEGMENTS, scan_of
+from tests.slam.synthetic import ROOM_SEGMENTS, box, scan_of
+from tests.slam.synthetic import room as walls_around
 
 
 @pytest.fixture(scope="module")
 def room():
     return made(ROOM_SEGMENTS)
-
-
-def rectangle(x0, y0, x1, y1):
-    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
-    return np.stack([corners[:-1], corners[1:]], axis=1)
 
 
 def frozen_scans(robot):
@@ -77,8 +73,8 @@ def test_driving_on_with_wheels_told_of_between_scans_is_tracking(room):
 @pytest.mark.parametrize(("x", "y", "theta"), [(0.5, 0.2, 1.0), (-0.6, -0.3, 0.2)])
 def test_where_no_single_scan_tells_several_together_do(x, y, theta):
     # a room that looks the same from either end but for a post of 5 cm at its wall
-    post = rectangle(0.875, 1.45, 0.925, 1.5)
-    twin = made(np.concatenate([rectangle(-2.0, -1.5, 2.0, 1.5), post]))
+    post = box(0.875, 1.45, 0.925, 1.5)
+    twin = made(np.concatenate([walls_around(-2.0, -1.5, 2.0, 1.5), post]))
     robot = Robot(twin, SE2(-x, -y, theta + math.pi), at=SE2(x, y, theta))
     statuses = []
     for _ in range(40):
