@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
+from slam.hypotheses import Hypotheses, HypothesesConfig
 from slam.laser_faults import LaserFaultConfig, blocked, is_covered, says_nothing
 from slam.last_views import LastViews
 from slam.look import Fit, Look, Step
+from slam.lost_search import LostSearch
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.slip import SlipConfig, SlipMonitor
 from slam.usual_fit import UsualFit, UsualFitConfig
 from slam.verdict import Judgement, Status, Verdict
-from slam.verdict_limits import VerdictLimits
 
 _ELSEWHERE = "carried away: the scan fits another place far better"
 _OUTVOTED = "carried away: the last views together fit another place far better"
@@ -60,10 +60,9 @@ class Guard:
         self.relocalizer = relocalizer
         self.config = config or GuardConfig()
         self.is_lost = False
-        self._search, self._views = self._hypotheses(), self._last_views()
         self._slip = SlipMonitor(self.config.slip)
         self._usual = UsualFit(relocalizer, self.config.usual)
-        self._lost_s: float | None = None
+        self._search, self._views = self._lost_search(), self._last_views()
         self._unexplained = self._beaten = 0
         self._checked: tuple[float, SE2] | None = None
         self._found: tuple[Look, Hypotheses] | None = None
@@ -71,23 +70,18 @@ class Guard:
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """The places carried along while the robot is lost."""
-        return self._search.places
+        return self._search.hypotheses.places
 
     def telling_turn_rad(self, beams: Beams) -> float:
         """The turn on the spot after which a scan would tell most; 0 where none is needed."""
-        search = self._search
         if not self.is_lost:
             return 0.0
-        if search.places and search.margin >= search.margin_needed:
-            # one place is left: other views of it may be missing
-            is_enough = search.is_enough(self._usual.limits(beams))
-            return 0.0 if is_enough else self.config.turn_rad
-        return most_telling_turn(self.relocalizer, search.rivals, beams, self.config.turn_rad)
+        return self._search.telling_turn_rad(beams, self.config.turn_rad)
 
     def follow(self, moved: SE2) -> None:
         """Takes a part of the motion to the next scan."""
         if self.is_lost:
-            self._search.move(moved)
+            self._search.hypotheses.move(moved)
 
     def carry(self, moved: SE2) -> None:
         """Takes a motion with a scan that says nothing."""
@@ -96,13 +90,15 @@ class Guard:
 
     def search(self, look: Look, moved: SE2) -> Judgement:
         """While lost: the places once more, by this scan too; tracking as soon as one is sure."""
-        self._search.move(moved)
-        if self._lost_s is None:
-            self._lost_s = look.time_s
+        self._search.hypotheses.move(moved)
+        self._search.begin(look.time_s)
         nothing = self._says_nothing(look.beams)
         if nothing:
             return Judgement(Verdict(Status.UNSURE, (nothing,), self.hypotheses), None)
-        return self._placed(look, self._lost_s)
+        judged = self._search.look(look)
+        if judged.verdict.status is Status.TRACKING:
+            self.is_lost, self._search = False, self._lost_search()
+        return judged
 
     def carried_off(self, look: Look, step: Step) -> Judgement | None:
         """While tracking, before any match: that the robot is plainly elsewhere; None where not.
@@ -113,7 +109,7 @@ class Guard:
         a match that jumps is asked, since one scan that fits elsewhere does not tell.
         """
         beams, T_predicted = look.beams, step.T_predicted
-        if self._search.config.beaten_scans > 1:
+        if self._search.hypotheses.config.beaten_scans > 1:
             return None
         if self.relocalizer.off_surfaces(beams, T_predicted) < self.config.off_surfaces:
             return None
@@ -159,6 +155,12 @@ class Guard:
 
     def _hypotheses(self) -> Hypotheses:
         return Hypotheses(self.relocalizer, self.config.hypotheses)
+
+    def _lost_search(
+        self, found: Hypotheses | None = None, since_s: float | None = None
+    ) -> LostSearch:
+        found, faults = found or self._hypotheses(), self.config.laser_faults
+        return LostSearch(self.relocalizer, found, self._usual, faults, since_s)
 
     def _last_views(self) -> LastViews:
         return LastViews(self.relocalizer, self.config.hypotheses)
@@ -304,57 +306,12 @@ class Guard:
         time_s: float,
     ) -> Judgement:
         """Lost from now on; the match is what the pose becomes."""
-        self.is_lost, self._lost_s, self._checked = True, time_s, None
+        self.is_lost, self._checked = True, None
         self._unexplained = self._beaten = 0
         self._slip.clear()
-        self._search, self._views = found, self._last_views()
+        self._search, self._views = self._lost_search(found, time_s), self._last_views()
         verdict = Verdict(Status.LOST, reasons, found.places)
         return Judgement(verdict, match, is_restart=match is not None)
-
-    def _placed(self, look: Look, lost_s: float) -> Judgement:
-        search, limits = self._search, self._usual.limits(look.beams)
-        places = search.look(look.beams)
-        if not places:
-            return Judgement(Verdict(Status.LOST, ("no place on the map fits the scan",)), None)
-        best = places[0]
-        match = self._match_at(best, look)
-        blocked = self._blocked(look.beams, best.T_map_base)
-        if blocked:
-            return Judgement(Verdict(Status.UNSURE, (blocked,), places), None)
-        misfits = self._usual.misfits(best.evidence, limits)
-        if best.evidence.inlier_ratio < limits.wrong_inlier_ratio:
-            reasons = "no place on the map explains the scan", *misfits
-            return Judgement(Verdict(Status.LOST, reasons, places), match, is_restart=True)
-        doubts = self._doubts(best, match, limits)
-        if doubts:
-            verdict = Verdict(Status.UNSURE, (*doubts, *misfits), places)
-            return Judgement(verdict, match, is_restart=True)
-        self.is_lost, self._lost_s = False, None
-        self._search = self._hypotheses()
-        verdict = Verdict(Status.TRACKING, misfits, places, max(look.time_s - lost_s, 0.0))
-        return Judgement(verdict, match, is_restart=True)
-
-    def _match_at(self, best: Hypothesis, look: Look) -> ScanMatch:
-        """The match of a scan at the best place; not converged where it leads away from there."""
-        match, config = look.matched(best.T_map_base), self._search.config
-        if not best.T_map_base.is_near(match.T_map_base, config.drift_m, config.drift_rad):
-            return ScanMatch(best.T_map_base, MatchStatus.NOT_CONVERGED)
-        if self.relocalizer.segment_map.is_exact:
-            return match
-        # along corridors fitted walls bend a beam match by decimetres, points on surfaces less:
-        # 0.17 and 0.24 m against 0.02 and 0.14 m on the Intel log
-        return replace(match, T_map_base=self.relocalizer.centred(look.beams, best.T_map_base))
-
-    def _doubts(self, best: Hypothesis, match: ScanMatch, limits: VerdictLimits) -> tuple[str, ...]:
-        """Why the best place is not to be believed yet, in words."""
-        doubts = list(self._search.doubts(limits))
-        if match.status is MatchStatus.DEGENERATE:
-            doubts.append("the scan leaves a direction open")
-        elif not match.is_matched:
-            doubts.append(f"scan match: {match.status.value}")
-        if self._usual.has_violations(best.evidence, limits):
-            doubts.append("beams went through walls")
-        return tuple(doubts)
 
     def _is_checked(self, fit: Fit) -> bool:
         """Whether a search has lately found that such a scan fits best where the robot is."""

@@ -68,6 +68,7 @@ RANKS = (
         "usual_fit",
         "last_views",
         "look",
+        "lost_search",
         "lost",
         "front_end",
         "contradictions",
