@@ -9,25 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from experiments.protocols import DEFAULT_METHOD
-from slam.arrays import BoolArray, FloatArray
+from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.known_map import USUAL_LASER, KnownMap
 from slam.laser_model import LaserModel
-from slam.likelihood_grid import SearchConfig, layout
 from slam.map_files import read_map
 from slam.measurements import Measurement
-from slam.occupancy_grid import OccupancyGrid
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.ray_counts import still_standing
-from slam.relocalization import FreeSpace
 from slam.se2 import SE2
 from slam.slam_map_files import read_slam_map
-
-_SPACING_M = 0.05
-"""Of the points on walls that ICP is given."""
-_BESIDE_FREE_M = 0.1
-"""How far from a cell that is known to be free the robot's middle may be."""
 
 
 @dataclass(frozen=True)
@@ -76,30 +68,7 @@ def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
     if path.suffix == ".kitasap":
         return read_slam_map(path).known(laser)
     grid = read_map(path)
-    if not grid.is_occupied.any():
-        raise ValueError(
-            f"{path}: no cell of the map is occupied: nothing to localise by (occupied_thresh?)"
-        )
-    if len(grid.points()) == 0:
-        raise ValueError(
-            f"{path}: no occupied cell of the map is beside a free one: no wall is seen"
-        )
-    walls = grid.walls()
     try:
-        # before the walls are cut into points, which of a map too large fill the memory
-        layout(walls.segments.reshape(-1, 2), laser.range_max_m, SearchConfig())
+        return KnownMap.of_grid(grid, laser)
     except ValueError as error:
-        raise ValueError(f"{path}: {error} (resolution {grid.resolution_m:g} m?)") from error
-    return KnownMap(walls.sampled(_SPACING_M)[0], laser, walls, _beside_free(grid), grid)
-
-
-def _beside_free(grid: OccupancyGrid) -> FreeSpace | None:
-    if not grid.is_free.any():
-        return None
-    steps = _BESIDE_FREE_M * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-
-    def is_free(points: FloatArray) -> BoolArray:
-        near = [grid.is_free_at(points + step) for step in steps]
-        return np.asarray(np.any(near, axis=0))
-
-    return is_free
+        raise ValueError(f"{path}: {error}") from error

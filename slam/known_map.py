@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from slam.arrays import FloatArray
+import numpy as np
+
+from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.icp import CoarseToFineConfig
 from slam.laser_model import LaserModel
+from slam.likelihood_grid import SearchConfig, layout
 from slam.localization import Localizer, LocalizerConfig
 from slam.lost import Guard, GuardConfig
 from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
@@ -30,6 +33,8 @@ are 20 cm apart, as far as a related point may be from either of two neighbours;
 1 cm with what a scan's own way while it turns adds."""
 _SPACING_M = 0.05
 """Of the points on walls that ICP is given."""
+_BESIDE_FREE_M = 0.1
+"""How far from a cell that is known to be free the robot's middle may be."""
 
 
 def laser_seen(scans: Sequence[Beams]) -> LaserModel:
@@ -59,6 +64,26 @@ class KnownMap:
     def of_surfaces(surfaces: Surfaces, laser: LaserModel = USUAL_LASER) -> KnownMap:
         """Of what scans saw. Raises ValueError for no surface."""
         return KnownMap(surfaces.points(_SPACING_M), laser, surfaces.walls())
+
+    @staticmethod
+    def of_grid(grid: OccupancyGrid, laser: LaserModel = USUAL_LASER) -> KnownMap:
+        """Of an occupancy grid, such as `read_map` reads; searched beside its free cells.
+
+        Raises ValueError where it shows no wall, or reaches too far to be searched.
+        """
+        if not grid.is_occupied.any():
+            raise ValueError(
+                "no cell of the map is occupied: nothing to localise by (occupied_thresh?)"
+            )
+        if len(grid.points()) == 0:
+            raise ValueError("no occupied cell of the map is beside a free one: no wall is seen")
+        walls = grid.walls()
+        try:
+            # before the walls are cut into points, which of a map too large fill the memory
+            layout(walls.segments.reshape(-1, 2), laser.range_max_m, SearchConfig())
+        except ValueError as error:
+            raise ValueError(f"{error} (resolution {grid.resolution_m:g} m?)") from error
+        return KnownMap(walls.sampled(_SPACING_M)[0], laser, walls, _beside_free(grid), grid)
 
     @cached_property
     def point_map(self) -> PointMap:
@@ -106,3 +131,15 @@ class KnownMap:
         config = LocalizerConfig(range_max_m=self.laser.range_max_m)
         guarded = Guard(self.relocalizer, guard)
         return Localizer(self.matcher(method), start, T_base_laser, config, guarded)
+
+
+def _beside_free(grid: OccupancyGrid) -> FreeSpace | None:
+    if not grid.is_free.any():
+        return None
+    steps = _BESIDE_FREE_M * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+
+    def is_free(points: FloatArray) -> BoolArray:
+        near = [grid.is_free_at(points + step) for step in steps]
+        return np.asarray(np.any(near, axis=0))
+
+    return is_free
