@@ -26,7 +26,8 @@ class HypothesesConfig:
     min_views: through which a place has to have been the best one. beats: by how many times the
     margin a place must be better than one believed, beaten_scans: through how many scans in a row.
     min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
-    share of what the best leaves unexplained. max_unexplained: more than that is sure of nothing.
+    share of what the best leaves unexplained. min_margin_per_view: more of it for each view after
+    the first: where a map made of scans or cells errs, it does so in all views alike. max_unexplained: more than that is sure of nothing.
     strange_views: instead of min_views where more is left unexplained than usual, by people or by
     another building, or where beams went through walls, by so much more than is usual as slack;
     where both is so, nothing is sure. 0: not asked. around_m, around_rad: between the first of these
@@ -45,6 +46,7 @@ class HypothesesConfig:
     beaten_scans: int = 1
     min_margin: float = 10.0
     min_share: float = 0.05
+    min_margin_per_view: float = 0.0
     max_unexplained: float = 1.2
     strange_views: int = 3
     slack: float = 0.02
@@ -71,6 +73,7 @@ class HypothesesConfig:
             beaten_scans=2,
             min_margin=12.0,
             min_share=0.2,
+            min_margin_per_view=12.0,
             max_unexplained=0.8,
             strange_views=0,
         )
@@ -103,6 +106,11 @@ class Hypotheses:
         """Scans that the likelihoods are sums over."""
         return len(self._witnesses) + (1 if self._views else 0)
 
+    @property
+    def is_map_exact(self) -> bool:
+        """Whether the map shows all there is; one of scans or cells never does."""
+        return self._relocalizer.segment_map.is_exact
+
     def move(self, motion: SE2) -> None:
         """Carries all places along with the robot."""
         self._went_m += math.hypot(motion.x, motion.y)
@@ -130,7 +138,7 @@ class Hypotheses:
         # however bad a place is by this scan alone, the other views may speak for it
         joined = [self._joined(start, beams) for start in relocalizer.distinct(starts, math.inf)]
         most = max((one.log_likelihood for one in joined), default=0.0)
-        behind = max(relocalizer.config.max_behind, 2.0 * self._margin_needed(most))
+        behind = max(relocalizer.config.max_behind, 2.0 * self._margin_needed(most, self.views))
         self.places = self._ranked(relocalizer.distinct(joined, behind)[: self.config.max_places])
         drift = self.config.drift_m, self.config.drift_rad
         if not (before and self.places) or not self.places[0].T_map_base.is_near(
@@ -208,16 +216,30 @@ class Hypotheses:
         most_through = limits.usual_violation_ratio + self.config.slack
         return self.unexplained > limits.usual_unexplained or self.violation_ratio > most_through
 
+    def lead_over(self, T_map_base: SE2) -> float:
+        """By how much the best place is more likely than a pose; 0 where that is the best place.
+
+        inf where none of the places is near the pose, which is then far less likely.
+        """
+        near = self.config.drift_m, self.config.drift_rad
+        if not self.places or self.places[0].T_map_base.is_near(T_map_base, *near):
+            return 0.0
+        here = [
+            one.log_likelihood for one in self.places if one.T_map_base.is_near(T_map_base, *near)
+        ]
+        return self.places[0].log_likelihood - max(here, default=-math.inf)
+
     @property
     def margin_needed(self) -> float:
         """The margin from which on the best place is sure."""
-        return self._margin_needed(self.places[0].log_likelihood if self.places else 0.0)
+        most = self.places[0].log_likelihood if self.places else 0.0
+        return self._margin_needed(most, self.views)
 
     @property
     def rivals(self) -> tuple[Hypothesis, ...]:
         """The best place and those that are not yet so much less likely that it is sure."""
         most = max((place.log_likelihood for place in self.places), default=0.0)
-        return _behind(self.places, self._margin_needed(most))
+        return _behind(self.places, self._margin_needed(most, self.views))
 
     def has_other(self, T_map_base: SE2) -> bool:
         """Whether a place elsewhere than a pose is nearly as likely as any."""
@@ -229,10 +251,14 @@ class Hypotheses:
         best = max(self.places, key=lambda place: place.log_likelihood)
         other = self._within_drift(beams, T_map_base)
         margin = self._relocalizer.at(beams, best.T_map_base).log_likelihood - other.log_likelihood
-        return margin > self.config.beats * self._margin_needed(best.evidence.log_likelihood)
+        needed = self._margin_needed(best.evidence.log_likelihood, views=1)
+        return margin > self.config.beats * needed
 
-    def _margin_needed(self, log_likelihood: float) -> float:
-        return self.config.min_margin + self.config.min_share * max(-log_likelihood, 0.0)
+    def _margin_needed(self, log_likelihood: float, views: int) -> float:
+        """For a place of a log-likelihood summed over views."""
+        config = self.config
+        least = config.min_margin + config.min_margin_per_view * max(views - 1, 0)
+        return least + config.min_share * max(-log_likelihood, 0.0)
 
     def _ranked(self, places: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
         """Places, the most likely first; of those that differ by chance, by how well they fit too."""

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses, HypothesesConfig
-from slam.relocalization import Hypothesis, Relocalizer
+from slam.hypotheses import Hypotheses
+from slam.relocalization import Hypothesis
 from slam.se2 import SE2
 from slam.verdict_limits import VerdictLimits
+
+_BEATEN = "the last views together fit another place better, though not surely"
+
+_DOUBT = 0.5
+"""Chosen: of the margin that makes another place sure: from there on the one believed is doubted."""
 
 
 class LastViews:
@@ -16,10 +21,11 @@ class LastViews:
     of a way tell.
     """
 
-    def __init__(self, relocalizer: Relocalizer, config: HypothesesConfig | None) -> None:
-        self.hypotheses = Hypotheses(relocalizer, config)
-        self._is_exact = relocalizer.segment_map.is_exact
-        self._T_last: SE2 | None = None
+    def __init__(self, hypotheses: Hypotheses, T_map_base: SE2 | None = None) -> None:
+        """hypotheses: the views so far, taken from a pose; None: there are none yet."""
+        self.hypotheses = hypotheses
+        self._T_last = T_map_base
+        self._is_beaten = False
 
     def is_new_from(self, T_map_base: SE2) -> bool:
         """Carries all along to where a match says that the robot is; whether no view is from there.
@@ -36,14 +42,16 @@ class LastViews:
     ) -> bool:
         """With one view more, whether all together surely are of another place than believed."""
         assert self._T_last is not None
-        hypotheses, config = self.hypotheses, self.hypotheses.config
-        places = hypotheses.look(beams, suggested)
-        near = config.drift_m, config.drift_rad
-        if not places or places[0].T_map_base.is_near(self._T_last, *near):
-            return False
-        is_sure = hypotheses.margin >= config.beats * hypotheses.margin_needed
+        hypotheses = self.hypotheses
+        hypotheses.look(beams, suggested)
+        lead, needed = hypotheses.lead_over(self._T_last), hypotheses.margin_needed
+        self._is_beaten = lead >= max(_DOUBT * needed, hypotheses.config.min_margin)
+        is_sure = lead >= needed
         return is_sure and not hypotheses.doubts(limits)
 
-    def misfits(self, limits: VerdictLimits) -> tuple[str, ...]:
-        """Why an exact map may be of another building, in words; a map of scans never shows all."""
-        return self.hypotheses.misfits(limits) if self._is_exact else ()
+    def doubts(self, limits: VerdictLimits) -> tuple[str, ...]:
+        """Why the place believed may be the wrong one, in words: another fits better, though not
+        surely; an exact map fits nowhere, and may be of another building. One of scans never shows all.
+        """
+        beaten = (_BEATEN,) if self._is_beaten else ()
+        return beaten + (self.hypotheses.misfits(limits) if self.hypotheses.is_map_exact else ())

@@ -62,7 +62,7 @@ class Guard:
         self.is_lost = False
         self._slip = SlipMonitor(self.config.slip)
         self._usual = UsualFit(relocalizer, self.config.usual)
-        self._search, self._views = self._lost_search(), self._last_views()
+        self._search, self._views = self._lost_search(), LastViews(self._hypotheses())
         self._unexplained = self._beaten = 0
         self._checked: tuple[float, SE2] | None = None
         self._found: tuple[Look, Hypotheses] | None = None
@@ -97,6 +97,9 @@ class Guard:
             return Judgement(Verdict(Status.UNSURE, (nothing,), self.hypotheses), None)
         judged = self._search.look(look)
         if judged.verdict.status is Status.TRACKING:
+            assert judged.match is not None
+            # what told this place from the others goes on telling
+            self._views = LastViews(self._search.hypotheses, judged.match.T_map_base)
             self.is_lost, self._search = False, self._lost_search()
         return judged
 
@@ -162,9 +165,6 @@ class Guard:
         found, faults = found or self._hypotheses(), self.config.laser_faults
         return LostSearch(self.relocalizer, found, self._usual, faults, since_s)
 
-    def _last_views(self) -> LastViews:
-        return LastViews(self.relocalizer, self.config.hypotheses)
-
     def _looked(self, look: Look) -> Hypotheses:
         """The places that a scan alone suggests, searched for once."""
         if self._found is None or self._found[0] is not look:
@@ -223,7 +223,7 @@ class Guard:
                 found = views.hypotheses
                 match = look.matched(found.places[0].T_map_base)
                 return self._lost(found, (_OUTVOTED, *fit.misfits), match, look.time_s)
-        odd = self._views.misfits(limits)
+        odd = self._views.doubts(limits)
         status = Status.UNSURE if odd else Status.TRACKING
         return Judgement(Verdict(status, (*odd, *fit.misfits)), fit.match)
 
@@ -309,7 +309,7 @@ class Guard:
         self.is_lost, self._checked = True, None
         self._unexplained = self._beaten = 0
         self._slip.clear()
-        self._search, self._views = self._lost_search(found, time_s), self._last_views()
+        self._search, self._views = self._lost_search(found, time_s), LastViews(self._hypotheses())
         verdict = Verdict(Status.LOST, reasons, found.places)
         return Judgement(verdict, match, is_restart=match is not None)
 
