@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
@@ -21,13 +22,20 @@ class LaserFaultConfig:
     min_hits: a scan of fewer says nothing; of a laser of few beams, half of them are enough, but three
     at least, for the three numbers of a pose. blocked_m, blocked_share: a laser of which that share of
     the beams ends so near, where the map has nothing, is blocked; blocked_all: wherever it is, since
-    where a robot can stand, some beams go farther than that. Chosen, all of these.
+    where a robot can stand, some beams go farther than that. Of something that comes along with the
+    robot along_share of the beams see no farther than along_m, where the map has nothing, and within
+    along_same_m the same after a way or a turn. Chosen, all of these.
     """
 
     min_hits: int = 20
     blocked_m: float = 0.2
     blocked_share: float = 0.15
     blocked_all: float = 0.8
+    along_share: float = 0.05
+    along_m: float = 0.5
+    along_same_m: float = 0.02
+    along_way_m: float = 0.2
+    along_turn_rad: float = math.radians(30.0)
 
 
 def says_nothing(beams: Beams, beam_count: int, config: LaserFaultConfig) -> str:
@@ -66,3 +74,43 @@ def is_covered(beams: Beams, config: LaserFaultConfig) -> bool:
     """Whether so many beams end near by that the laser is blocked, wherever it is."""
     with np.errstate(invalid="ignore"):
         return bool(np.mean(beams.ranges_m < config.blocked_m) > config.blocked_all)
+
+
+class CompanionMonitor:
+    """Something that comes along with the robot before its laser: a part of it, or put on it."""
+
+    def __init__(self, config: LaserFaultConfig) -> None:
+        self._config = config
+        self._then: tuple[SE2, FloatArray] | None = None
+        self._said = ""
+
+    def take(self, beams: Beams, T_map_base: SE2, segment_map: SegmentMap) -> str:
+        """Notes a scan and where it was taken; what comes along, in words, empty where nothing does."""
+        config = self._config
+        near_m = self._near_m(beams, T_map_base, segment_map)
+        enough = config.along_share * len(beams)
+        if near_m is None or np.count_nonzero(np.isfinite(near_m)) <= enough:
+            self._then, self._said = None, ""
+            return ""
+        if self._then is None or len(self._then[1]) != len(near_m):
+            self._then, self._said = (T_map_base, near_m), ""
+        elif not T_map_base.is_near(self._then[0], config.along_way_m, config.along_turn_rad):
+            with np.errstate(invalid="ignore"):
+                same = int(np.count_nonzero(np.abs(near_m - self._then[1]) < config.along_same_m))
+            self._then, self._said = (T_map_base, near_m), ""
+            if same > enough:
+                self._said = (
+                    f"{same} of {len(beams)} beams end within {config.along_m} m at what moves along:"
+                    " laser blocked in part"
+                )
+        return self._said
+
+    def _near_m(self, beams: Beams, T_map_base: SE2, segment_map: SegmentMap) -> FloatArray | None:
+        """(N,) ranges that end near by where the map has nothing, nan for the others; None: too few."""
+        config = self._config
+        with np.errstate(invalid="ignore"):
+            is_near = beams.is_hit & (beams.ranges_m < config.along_m)
+        if np.count_nonzero(is_near) <= config.along_share * len(beams):
+            return None
+        walls_m, _ = segment_map.ranges(beams, T_map_base, 2.0 * config.along_m)
+        return np.where(is_near & (walls_m > 1.5 * beams.ranges_m), beams.ranges_m, np.nan)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from slam.beams import Beams
 from slam.hypotheses import Hypotheses, HypothesesConfig
-from slam.laser_faults import LaserFaultConfig, blocked, is_covered, says_nothing
+from slam.laser_faults import CompanionMonitor, LaserFaultConfig, blocked, is_covered, says_nothing
 from slam.last_views import LastViews
 from slam.look import Fit, Look, Step
 from slam.lost_search import LostSearch
@@ -62,6 +62,7 @@ class Guard:
         self.is_lost = False
         self._slip = SlipMonitor(self.config.slip)
         self._usual = UsualFit(relocalizer, self.config.usual)
+        self._companion = CompanionMonitor(self.config.laser_faults)
         self._search, self._views = self._lost_search(), LastViews(self._hypotheses())
         self._unexplained = self._beaten = 0
         self._checked: tuple[float, SE2] | None = None
@@ -225,7 +226,10 @@ class Guard:
                 return self._lost(found, (_OUTVOTED, *fit.misfits), match, look.time_s)
         odd = self._views.doubts(limits)
         status = Status.UNSURE if odd else Status.TRACKING
-        return Judgement(Verdict(status, (*odd, *fit.misfits)), fit.match)
+        walls = self.relocalizer.segment_map
+        along = self._companion.take(look.beams, fit.T_map_base, walls)
+        reasons = (*odd, *((along,) if along else ()), *fit.misfits)
+        return Judgement(Verdict(status, reasons), fit.match)
 
     def _slipped(self, fit: Fit, step: Step) -> Judgement | None:
         """A match behind where the wheels lead, which fits; None where that is no slip."""

@@ -8,7 +8,7 @@ import pytest
 
 from slam import SE2, Measurement, Status
 from tests.slam.guarded import LASER, START, STILL, Robot, made
-from tests.slam.synthetic import ROOM_SEGMENTS, box, scan_of
+from tests.slam.synthetic import ROOM_SEGMENTS, box, legs, scan_of
 from tests.slam.synthetic import room as walls_around
 
 
@@ -93,3 +93,34 @@ def test_stamps_that_go_back_give_no_time_below_nothing(room):
     assert first.verdict.status is Status.UNSURE
     robot.time_s = 5.0
     assert robot.look().verdict.recovery_s == 0.0
+
+
+def reasons_on_the_way(room, *, away_m, sector=None, legs_at=None):
+    """What is said along 20 steps in a curve, the beams of a sector ended near by, or before legs."""
+    robot = Robot(room, START)
+    stand = np.empty((0, 2, 2)) if legs_at is None else legs(START @ LASER, [legs_at], away_m)
+    said = []
+    for _ in range(20):
+        robot.at = robot.at @ SE2(0.02, 0.0, 0.05)
+        walls = np.concatenate([robot.segments, stand])
+        scan = scan_of(walls, robot.at @ LASER, robot.rng, 0.01)
+        ranges_m = scan.ranges_m.copy()
+        if sector is not None:
+            ranges_m[sector] = away_m + robot.rng.normal(0.0, 0.003, len(ranges_m[sector]))
+        robot.at = robot.at @ SE2(0.02, 0.0, 0.05).inverse()
+        estimate = robot.look(SE2(0.02, 0.0, 0.05), scan=replace(scan, ranges_m=ranges_m))
+        assert robot.is_right(estimate)
+        said.append(" ".join(estimate.verdict.reasons))
+    return said
+
+
+@pytest.mark.parametrize(("first", "beams", "away_m"), [(100, 144, 0.25), (300, 60, 0.4)])
+def test_what_hides_a_part_of_the_view_wherever_the_robot_goes_is_named(room, first, beams, away_m):
+    said = reasons_on_the_way(room, away_m=away_m, sector=slice(first, first + beams))
+    assert f"{beams} of 481 beams end within 0.5 m at what moves along" in said[-1]
+
+
+@pytest.mark.parametrize("bearing", [0.0, -1.2])
+def test_somebody_who_stands_close_does_not_move_along(room, bearing):
+    said = reasons_on_the_way(room, away_m=0.45, legs_at=bearing)
+    assert not any("moves along" in reasons for reasons in said)
