@@ -106,6 +106,7 @@ class PoseFilter:
         known may be a start from rest.
         """
         v, y, w = motion.log()
+        self._slips.move(motion.log())
         velocity = motion.log() / duration_s
         change, creep = self._changed(velocity, np.isfinite(duration_s))
         self._velocity = velocity if np.isfinite(duration_s) else None
@@ -176,6 +177,12 @@ class PoseFilter:
             P = P + slip_covariance(float(SLIPS_M[-1]))
         gain = np.linalg.solve(np.eye(3) + information @ P, information)
         return float(innovation @ gain @ innovation)
+
+    def share_of_match(self, information: FloatArray) -> float:
+        """Of the innovation's expected variance, what is a match's own, (3, 3); the rest is the
+        prediction's. From 0 to 1."""
+        # tr((P + R)^-1 R) / 3, which needs no R where there is none
+        return float(np.trace(np.linalg.inv(np.eye(3) + information @ self._P[:3, :3]))) / 3.0
 
     def update(self, T_map_base: SE2, information: FloatArray) -> None:
         """Corrects the pose by a match with its information (3, 3), its base frame."""

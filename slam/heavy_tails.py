@@ -45,8 +45,8 @@ no edge, what those tell that do, and both together; the largest is rounded up."
 
 SLIPS_M = np.array([0.002, 0.01, 0.05])
 """Chosen: so far wheels may have slipped, as standard deviations; farther is a case for a guard."""
-_SLIP_ODDS = 3e-5
-"""Chosen: of each scan anew, all lengths together; once in some hundred metres."""
+_SLIP_ODDS, _SLIP_ODDS_PER_M = 3e-5, 0.01
+"""Chosen: of each scan anew, all lengths together, and of each metre since the last one."""
 _MOST_ODDS = 0.5
 
 
@@ -63,21 +63,25 @@ class SlipOdds:
     """How likely wheels have slipped: seldom, but likelier where the last scan had it so."""
 
     def __init__(self) -> None:
-        self._seen: FloatArray = np.zeros(len(SLIPS_M))
+        self.clear()
 
     @property
     def odds(self) -> FloatArray:
         """Of each of `SLIPS_M` now."""
-        odds = _SLIP_ODDS / len(SLIPS_M) + self._seen
+        odds = (_SLIP_ODDS + _SLIP_ODDS_PER_M * self._way_m) / len(SLIPS_M) + self._seen
         return np.asarray(odds * min(1.0, _MOST_ODDS / float(odds.sum())))
+
+    def move(self, twist: FloatArray) -> None:
+        """Notes a way of the wheels (x, y, theta)."""
+        self._way_m += float(np.hypot(twist[0], twist[1])) + _TRACK_M * abs(float(twist[2]))
 
     def take(self, seen: FloatArray) -> None:
         """Notes what a scan made of them."""
-        self._seen = seen
+        self._seen, self._way_m = seen, 0.0
 
     def clear(self) -> None:
         """Forgets what was seen: the pose is another."""
-        self._seen = np.zeros(len(SLIPS_M))
+        self.take(np.zeros(len(SLIPS_M)))
 
 
 def corrected(

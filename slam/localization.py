@@ -45,8 +45,8 @@ class LocalizerConfig:
     normalised innovation squared beyond which match and prediction contradict each other, even if
     the wheels slipped: a match that explains the scan is then believed alone. chosen: 30 is exceeded
     by chance once in a million.
-    max_match_scale: by how much the innovations seen may widen the matches' covariances. They never
-    narrow them: small innovations may mean just as well that the wheels err less than assumed.
+    max_scale: by how much the innovations seen may widen the covariances of matches, and of motions.
+    They never narrow them: small innovations may be the other's doing just as well.
     """
 
     deskew: bool = True
@@ -57,7 +57,7 @@ class LocalizerConfig:
     start_sigma_m: float = 0.1
     start_sigma_rad: float = 0.1
     max_nis: float = 30.0
-    max_match_scale: float = 10.0
+    max_scale: float = 10.0
     wheels: WheelPrior = field(default_factory=WheelPrior)
 
     def __post_init__(self) -> None:
@@ -66,8 +66,8 @@ class LocalizerConfig:
             raise ValueError(f"start_sigma_m and start_sigma_rad must be above 0, not {starts}")
         if not self.max_nis > 0.0:
             raise ValueError(f"max_nis must be above 0, not {self.max_nis}")
-        if not 1.0 <= self.max_match_scale < math.inf:
-            raise ValueError(f"max_match_scale must be 1 or more, not {self.max_match_scale}")
+        if not 1.0 <= self.max_scale < math.inf:
+            raise ValueError(f"max_scale must be 1 or more, not {self.max_scale}")
         if not self.range_max_m > 0.0:
             raise ValueError(f"range_max_m must be above 0, not {self.range_max_m}")
         bounds = (self.sweep_s, *self.fastest)
@@ -138,7 +138,7 @@ class Localizer:
         self._last: Measurement | None = None
         self._T_last, self._moved_noise = T_map_base, np.zeros((3, 3))
         self._claims_nothing = False
-        self._match_scale, self._fused = 1.0, 0
+        self._match_scale, self._motion_scale, self._fused = 1.0, 1.0, 0
         self._offset_m = 0.0
 
     @property
@@ -228,7 +228,7 @@ class Localizer:
     ) -> SE2:
         """Moves the pose on by what the wheels told up to a stamp; the motion as it truly was."""
         duration_s = self._straightener.duration_s(time_s, motion)
-        moved = self._filter.predict(motion, duration_s, noise)
+        moved = self._filter.predict(motion, duration_s, self._motion_scale * noise)
         self._viewpoint.move(moved)
         sigma = self._filter.motion_sigma
         self._straightener.take_motion(time_s, beam_times_s, moved, duration_s, sigma)
@@ -263,10 +263,11 @@ class Localizer:
         assert whole.information is not None
         information = match.information / self._match_scale
         nis = self._filter.innovation(match.T_map_base, information)
+        says = self._filter.share_of_match(information)
         if nis <= self.config.max_nis or not self._is_elsewhere(match):
             self._filter.take(match, self._match_scale)
             self._viewpoint.take()
-            self._learn_scale(nis)
+            self._learn_scales(nis, says)
         elif match.is_matched:
             self._filter.restart(whole.T_map_base, covariance_held(whole.information))
             self._viewpoint.take(is_anew=True)
@@ -280,9 +281,15 @@ class Localizer:
         nis = self._filter.innovation(match.T_map_base, information, after_slip=True)
         return nis > self.config.max_nis
 
-    def _learn_scale(self, nis: float) -> None:
-        """Innovations tell how wide the matches' covariances truly are (Mehra, 1972)."""
+    def _learn_scales(self, nis: float, share_of_match: float) -> None:
+        """Innovations tell how wide the covariances of matches and wheels truly are (Mehra, 1972).
+
+        Each learns as far as the innovation was expected to be its own.
+        """
         self._fused += 1
-        share = 1.0 / min(self._fused + 20.0, 100.0)
-        scale = self._match_scale * (1.0 + share * (min(nis, 12.0) / _DIMENSIONS - 1.0))
-        self._match_scale = min(max(scale, 1.0), self.config.max_match_scale)
+        excess = (min(nis, 12.0) / _DIMENSIONS - 1.0) / min(self._fused + 20.0, 100.0)
+        most = self.config.max_scale
+        scale = self._match_scale * (1.0 + share_of_match * excess)
+        self._match_scale = min(max(scale, 1.0), most)
+        scale = self._motion_scale * (1.0 + (1.0 - share_of_match) * excess)
+        self._motion_scale = min(max(scale, 1.0), most)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from slam import LaserScan, Localizer, Measurement
 from slam.fusion import PoseFilter
 from slam.heavy_tails import EDGES, SLIPS_M, SMOOTH, WHOLE, SlipOdds, Tails, corrected
 from slam.scan_match import MatchStatus, PoseInformation, ScanMatch
@@ -108,6 +109,38 @@ def test_wheels_that_slipped_are_found_out_by_scans_that_agree(slip_m, scans):
         pose_filter.take(of_matches(true, rng.normal(size=3), rng.normal(size=3) / 3.0))
     error = (pose_filter.T_map_base.inverse() @ true).log()
     assert np.hypot(*error[:2]) < 0.0015
+
+
+def test_longer_way_makes_a_slip_likelier():
+    slips, told = SlipOdds(), []
+    for way_m in (0.0, 0.02, 0.98):
+        slips.move(np.array([way_m, 0.0, 0.0]))
+        told.append(slips.odds.sum())
+    np.testing.assert_allclose(told, [3e-5, 23e-5, 1003e-5])
+    slips.take(np.zeros(len(SLIPS_M)))
+    assert slips.odds.sum() == pytest.approx(3e-5)
+
+
+def test_wheels_worse_than_thought_leave_the_matches_their_say():
+    # a scan each half metre, as in old logs; the wheels three times as wrong as assumed
+    rng, errors, own = np.random.default_rng(4), [], []
+    noise, sigmas = np.diag([4e-4, 4e-4, 1e-4]), np.array([0.01, 0.01, 0.003])
+    true = SE2.identity()
+
+    def matcher(beams, T_start):
+        own.append(sigmas * rng.normal(size=3))
+        found = true @ SE2.exp(own[-1])
+        return ScanMatch(found, MatchStatus.MATCHED, information=np.diag(sigmas**-2.0))
+
+    localizer = Localizer(matcher, true, SE2.identity())
+    step = SE2(0.5, 0.0, 0.0)
+    for k in range(200):
+        true = true @ step @ SE2.exp(3.0 * np.sqrt(np.diag(noise)) * rng.normal(size=3))
+        scan = LaserScan(float(k), np.linspace(-1.0, 1.0, 5), rng.uniform(1.0, 2.0, 5))
+        estimate = localizer.update(Measurement(float(k), step, scan, noise))
+        errors.append((estimate.T_map_base.inverse() @ true).log())
+    rms, of_matches_alone = (np.sqrt(np.mean(np.square(x), axis=0)) for x in (errors, own))
+    assert (rms < 1.2 * of_matches_alone).all()
 
 
 def test_robot_whose_edges_err_as_fitted_knows_how_sure_it_is():

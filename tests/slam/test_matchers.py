@@ -497,7 +497,7 @@ def test_change_of_speed_within_a_sweep_makes_the_covariance_wider(room):
         ({"start_sigma_m": math.inf}, "start_sigma_m"),
         ({"start_sigma_rad": 0.0}, "start_sigma_rad"),
         ({"max_nis": 0.0}, "max_nis"),
-        ({"max_match_scale": 0.5}, "max_match_scale"),
+        ({"max_scale": 0.5}, "max_scale"),
         ({"sweep_s": math.nan}, "sweep_s"),
     ],
 )
