@@ -47,7 +47,7 @@ def summary_table(summary: dict[str, Any], poses: str) -> Table:
         "RMSE [mm]": lambda m: _number(m["rmse_mm"], 2),
         "Heading max [rad]": lambda m: _number(m["theta_rad"]["max"], 4),
         "Success": lambda m: f"{trials - m['failures']} of {trials}",
-        "  95 % interval": lambda m: "{:.0%} to {:.0%}".format(*m["success_ci95"]),
+        "  95 % interval": lambda m: "{:.1%} to {:.1%}".format(*m["success_ci95"]),
         "Within 3 cm, 0.01 rad": lambda m: f"{m['within_paper_margins']} of {trials}",
         "Cramer-Rao bound [mm]": lambda m: _number(m["crlb_mm"], 2),
         "RMSE / bound, x y | heading": lambda m: (
@@ -78,7 +78,7 @@ def _mapping_table(summary: dict[str, Any], poses: str) -> Table:
         table.add_column(name, justify="right")
     rows: dict[str, Callable[[dict[str, Any]], str]] = {
         "Success": lambda m: f"{trials - m['failures']} of {trials}",
-        "  95 % interval": lambda m: "{:.0%} to {:.0%}".format(*m["success_ci95"]),
+        "  95 % interval": lambda m: "{:.1%} to {:.1%}".format(*m["success_ci95"]),
         "ATE [mm]: median, most": lambda m: _numbers(m["ate_mm"]),
         "Map off true surfaces, RMS [mm]": lambda m: _number(m["map_rmse_mm"], 1),
         "Precision: median, least": lambda m: _shares(m, "map_precision"),

@@ -128,9 +128,7 @@ def _counts(method: str, endings: list[Ending], raised: int) -> str:
     total, found = len(endings) + raised, endings.count(Ending.FOUND)
     rest = [f"{endings.count(kind)} {kind.value}" for kind in (Ending.SAID, Ending.BELIEVED)]
     rest += [f"{raised} raised"] * (raised > 0)
-    return f"{method}: found in {found} of {total} ({100 * found / total:.0f} %)\n" + ", ".join(
-        rest
-    )
+    return f"{method}: found in {found} of {total} ({found / total:.1%})\n" + ", ".join(rest)
 
 
 def _draw_robots(axis: Axes, poses: np.ndarray, endings: list[Ending], arrow_m: float) -> None:

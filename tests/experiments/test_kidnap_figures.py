@@ -93,7 +93,7 @@ def test_map_counts_how_the_trials_ended_and_those_that_raised(written):
     folder = written([trial(0), unsure, raised])
     assert kidnap_map(folder) == folder / "kidnap_map.png"
     texts = comments(folder / "kidnap_map.svg")
-    assert "limit: found in 1 of 3 (33 %)" in texts
+    assert "limit: found in 1 of 3 (33.3%)" in texts
     assert "1 lost and said so, 0 wrong but believed, 1 raised" in texts
     assert "0 lost and said so, 2 wrong but believed, 1 raised" in texts
     # carried by 1 m and turned by 0.5 rad, 29 degrees, both of them

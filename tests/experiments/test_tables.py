@@ -55,3 +55,9 @@ def test_success_is_out_of_all_trials():
     lines = rendered("kidnap", [trial(1, 1, 0), RAISED, trial(9, 9, 0, success=False), RAISED])
     assert cells(lines, "Success") == ["-", "1", "of", "4"]
     assert cells(lines, "Believed, but wrong") == ["-", "1", "of", "4"]
+
+
+def test_nearly_all_is_not_called_all():
+    lines = rendered("kidnap", [trial(1, 1, 0)] * 199 + [RAISED])
+    # Wilson's interval of 199 in 200; whole percent would say 97 % to 100 %
+    assert cells(lines, "95 % interval") == ["-", "97.2%", "to", "99.9%"]
