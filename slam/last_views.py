@@ -45,13 +45,20 @@ class LastViews:
         hypotheses = self.hypotheses
         hypotheses.look(beams, suggested)
         lead, needed = hypotheses.lead_over(self._T_last), hypotheses.margin_needed
-        self._is_beaten = lead >= max(_DOUBT * needed, hypotheses.config.min_margin)
+        doubt = max(_DOUBT * needed, hypotheses.config.min_margin)
+        if lead >= doubt:
+            self._is_beaten = True
+        elif lead <= 0.0 and hypotheses.margin >= doubt:
+            # not when what spoke against it is out of view: it has to be refuted
+            self._is_beaten = False
         is_sure = lead >= needed
         return is_sure and not hypotheses.doubts(limits)
 
     def doubts(self, limits: VerdictLimits) -> tuple[str, ...]:
-        """Why the place believed may be the wrong one, in words: another fits better, though not
-        surely; an exact map fits nowhere, and may be of another building. One of scans never shows all.
+        """Why the place believed may be the wrong one, in words, as of the last new view.
+
+        Another fits better, though not surely, or has since it last fitted so much worse; an exact map
+        fits nowhere, and may be of another building. One of scans never shows all.
         """
         beaten = (_BEATEN,) if self._is_beaten else ()
         return beaten + (self.hypotheses.misfits(limits) if self.hypotheses.is_map_exact else ())

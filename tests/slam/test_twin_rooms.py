@@ -89,3 +89,11 @@ def test_cupboard_tells_the_room_even_from_a_wrong_start(unlike, start):
     # out of sight, it goes on telling for a while
     first = said.index((Status.TRACKING, True))
     assert said[first : first + 10] == [(Status.TRACKING, True)] * 10
+
+
+def test_place_once_doubted_is_doubted_until_it_fits_better_again(unlike):
+    # told of the room with the cupboard, it sees none; turned away from there, nothing refutes that
+    statuses = [status for status, _ in unlike.drive(0, start=1)]
+    first = statuses.index(Status.UNSURE)
+    assert first < 40
+    assert Status.TRACKING not in statuses[first:]
