@@ -67,7 +67,7 @@ class KnownMap:
 
     @staticmethod
     def of_grid(grid: OccupancyGrid, laser: LaserModel = USUAL_LASER) -> KnownMap:
-        """Of an occupancy grid, such as `read_map` reads; searched beside its free cells.
+        """Of an occupancy grid, such as `read_map` reads; searched beside its free cells, if any.
 
         Raises ValueError where it shows no wall, or reaches too far to be searched.
         """

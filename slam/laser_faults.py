@@ -13,6 +13,8 @@ from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 
 _FEWEST = 3
+_TOO_CLOSE_M = 0.1
+"""Chosen: what is said to be too close to measure is taken to be so far."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,7 @@ def is_covered(beams: Beams, config: LaserFaultConfig) -> bool:
 
 
 class CompanionMonitor:
-    """Something that comes along with the robot before its laser: a part of it, or put on it."""
+    """Something that comes along with the robot in its laser's view: a part of it, or somebody."""
 
     def __init__(self, config: LaserFaultConfig) -> None:
         self._config = config
@@ -101,16 +103,19 @@ class CompanionMonitor:
             if same > enough:
                 self._said = (
                     f"{same} of {len(beams)} beams end within {config.along_m} m at what moves along:"
-                    " laser blocked in part"
+                    " a part of the robot, or somebody beside it"
                 )
         return self._said
 
     def _near_m(self, beams: Beams, T_map_base: SE2, segment_map: SegmentMap) -> FloatArray | None:
         """(N,) ranges that end near by where the map has nothing, nan for the others; None: too few."""
         config = self._config
+        ranges_m = np.maximum(
+            beams.ranges_m, _TOO_CLOSE_M
+        )  # of -inf, too close to measure, as well
         with np.errstate(invalid="ignore"):
-            is_near = beams.is_hit & (beams.ranges_m < config.along_m)
+            is_near = ranges_m < config.along_m
         if np.count_nonzero(is_near) <= config.along_share * len(beams):
             return None
         walls_m, _ = segment_map.ranges(beams, T_map_base, 2.0 * config.along_m)
-        return np.where(is_near & (walls_m > 1.5 * beams.ranges_m), beams.ranges_m, np.nan)
+        return np.where(is_near & (walls_m > 1.5 * ranges_m), ranges_m, np.nan)

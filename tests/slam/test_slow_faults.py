@@ -114,7 +114,9 @@ def reasons_on_the_way(room, *, away_m, sector=None, legs_at=None):
     return said
 
 
-@pytest.mark.parametrize(("first", "beams", "away_m"), [(100, 144, 0.25), (300, 60, 0.4)])
+@pytest.mark.parametrize(
+    ("first", "beams", "away_m"), [(100, 144, 0.25), (300, 60, 0.4), (300, 60, -np.inf)]
+)
 def test_what_hides_a_part_of_the_view_wherever_the_robot_goes_is_named(room, first, beams, away_m):
     said = reasons_on_the_way(room, away_m=away_m, sector=slice(first, first + beams))
     assert f"{beams} of 481 beams end within 0.5 m at what moves along" in said[-1]
