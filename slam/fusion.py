@@ -25,6 +25,8 @@ from slam.se2 import SE2
 _LAG, _SHIFT = 7, 8
 _VAGUE = 10.0
 """Chosen: times a match's variance, of a prediction that has no say."""
+_TOLD = np.array([1.0, 1.0, 1.0])
+"""Chosen: standard deviations [m], [m], [rad] beyond which a match tells nothing of a direction."""
 _TURNING_RADPS = 0.05
 """Chosen: slower turns to either side are what a robot that drives straight makes."""
 _ANOTHER_VIEW = 1.0
@@ -178,11 +180,17 @@ class PoseFilter:
         gain = np.linalg.solve(np.eye(3) + information @ P, information)
         return float(innovation @ gain @ innovation)
 
-    def share_of_match(self, information: FloatArray) -> float:
-        """Of the innovation's expected variance, what is a match's own, (3, 3); the rest is the
-        prediction's. From 0 to 1."""
-        # tr((P + R)^-1 R) / 3, which needs no R where there is none
-        return float(np.trace(np.linalg.inv(np.eye(3) + information @ self._P[:3, :3]))) / 3.0
+    def share_of_match(self, information: FloatArray) -> tuple[int, float]:
+        """How many directions a match (3, 3) tells of, and of the innovation's expected variance along
+        them what is its own, from 0 to 1; the rest is the prediction's. 0 and 0 for nothing told.
+        """
+        scaled = _TOLD[:, np.newaxis] * information * _TOLD
+        told = int(np.count_nonzero(np.linalg.eigvalsh(scaled) > 1.0))
+        if told == 0:
+            return 0, 0.0
+        # tr((P + R)^-1 R), which needs no R where there is none; an open direction counts 1
+        own = float(np.trace(np.linalg.inv(np.eye(3) + information @ self._P[:3, :3])))
+        return told, max(own - (3 - told), 0.0) / told
 
     def update(self, T_map_base: SE2, information: FloatArray) -> None:
         """Corrects the pose by a match with its information (3, 3), its base frame."""

@@ -28,8 +28,8 @@ _UNUSED = {
     Status.UNSURE: MatchStatus.NOT_ATTEMPTED,
     Status.LOST: MatchStatus.LOST,
 }
-_DIMENSIONS = 3.0
-"""Mean of a normalised innovation squared of as many numbers."""
+_MOST_NIS = 4.0
+"""Chosen: of a normalised innovation squared, per number, no more is learnt from."""
 
 
 @dataclass(frozen=True)
@@ -263,11 +263,12 @@ class Localizer:
         assert whole.information is not None
         information = match.information / self._match_scale
         nis = self._filter.innovation(match.T_map_base, information)
-        says = self._filter.share_of_match(information)
+        told, own = self._filter.share_of_match(information)
         if nis <= self.config.max_nis or not self._is_elsewhere(match):
             self._filter.take(match, self._match_scale)
             self._viewpoint.take()
-            self._learn_scales(nis, says)
+            if told:
+                self._learn_scales(nis / told, own)
         elif match.is_matched:
             self._filter.restart(whole.T_map_base, covariance_held(whole.information))
             self._viewpoint.take(is_anew=True)
@@ -284,10 +285,10 @@ class Localizer:
     def _learn_scales(self, nis: float, share_of_match: float) -> None:
         """Innovations tell how wide the covariances of matches and wheels truly are (Mehra, 1972).
 
-        Each learns as far as the innovation was expected to be its own.
+        Each learns as far as the innovation was expected to be its own. nis: 1 on average.
         """
         self._fused += 1
-        excess = (min(nis, 12.0) / _DIMENSIONS - 1.0) / min(self._fused + 20.0, 100.0)
+        excess = (min(nis, _MOST_NIS) - 1.0) / min(self._fused + 20.0, 100.0)
         most = self.config.max_scale
         scale = self._match_scale * (1.0 + share_of_match * excess)
         self._match_scale = min(max(scale, 1.0), most)
