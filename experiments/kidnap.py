@@ -25,7 +25,7 @@ from kitasap_sim.places import Place
 from kitasap_sim.simulation import Simulation
 from slam.beams import Beams
 from slam.localization import Localizer
-from slam.measurements import Measurement
+from slam.measurements import LaserScan, Measurement
 from slam.verdict import Status
 
 NAME = "kidnap"
@@ -47,6 +47,11 @@ class KidnapResult(TrialResult):
     false_alarms: dict[str, bool] = field(default_factory=dict)
     lost_scores: dict[str, dict[str, Any]] = field(default_factory=dict)
     """By method, what the scans before and after say for the pose believed: for the ROC."""
+    last_scans: dict[str, LaserScan] = field(default_factory=dict)
+
+    def scan_of(self, method: str) -> LaserScan:
+        """That of its last look; others may have gone on."""
+        return self.last_scans[method]
 
     def record(self) -> dict[str, Any]:
         """The trial as plain numbers, with what each look brought."""
@@ -88,7 +93,7 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> KidnapResult:
     return KidnapResult(
         [true_before, looks.true], looks.outcomes, simulation.time_s, bound, looks.cpu_s,
         [before.scan, looks.measurement.scan], seen, looks.records,
-        {name: alarms[name] for name in looks.records}, scores,
+        {name: alarms[name] for name in looks.records}, scores, looks.scans,
     )  # fmt: skip
 
 
@@ -106,6 +111,7 @@ class _Looks:
         self._localizers = localizers
         self._waiting = dict(localizers)
         self.outcomes: dict[str, Outcome] = {}
+        self.scans: dict[str, LaserScan] = {}
         self.cpu_s: dict[str, float] = {}
         self.records: dict[str, list[dict[str, Any]]] = {
             name: [] for name, localizer in localizers.items() if localizer.guard is not None
@@ -129,6 +135,7 @@ class _Looks:
         outcomes, cpu_s = update_all(self._config, self._waiting, self.measurement, self.true)
         self._count += 1
         self.outcomes |= outcomes
+        self.scans |= dict.fromkeys(outcomes, self.measurement.scan)
         self.cpu_s = cpu_s | self.cpu_s  # of the first look: the search
         for name, outcome in outcomes.items():
             if name in self.records:

@@ -206,6 +206,10 @@ class TrialResult:
     scans: list[LaserScan] = field(default_factory=list, repr=False)
     people_in_view: int = 0
 
+    def scan_of(self, method: str) -> LaserScan:
+        """The scan that a method's outcome is of."""
+        return self.scans[-1]
+
     def record(self) -> dict[str, Any]:
         """The trial as plain numbers, ready for a line of `trials.jsonl`."""
         return {

@@ -46,9 +46,9 @@ def trial_picture(
 def _search_figure(config: TrialConfig, result: TrialResult, index: int) -> Any:
     names = [name for name in config.methods if len(result.outcomes[name].match.history) > 0]
     names = names or list(config.methods[:1])
-    figure, axes = plt.subplots(
-        1, len(names), figsize=(5.2 * len(names), 6.2), squeeze=False, layout="constrained"
-    )
+    # one panel alone is as wide as the title, and as much higher
+    size_in = (5.2 * len(names), 6.2) if len(names) > 1 else (7.0, 7.8)
+    figure, axes = plt.subplots(1, len(names), figsize=size_in, squeeze=False, layout="constrained")
     for axis, name in zip(axes[0], names, strict=True):
         _draw_search(axis, config, result, name)
     figure.suptitle(
@@ -63,22 +63,22 @@ def _draw_search(axis: Axes, config: TrialConfig, result: TrialResult, name: str
     known, outcome = config.known_place, result.outcomes[name]
     _draw_map(axis, known)
     history = [step.T_map_base for step in outcome.match.history] or [outcome.T_map_base]
-    points_base = [scan.points(known.T_base_laser) for scan in result.scans]
+    points_base = result.scan_of(name).points(known.T_base_laser)
+    true = outcome.T_map_base.as_array() - outcome.error
     here = "(2)" if len(result.scans) > 1 else "(1)"
     if len(result.scans) > 1:
         first = SE2.from_array(result.true_poses[0])
-        _draw_scan(axis, points_base[0], first, "#2ca02c", "scan before, at (1)")
+        points_before = result.scans[0].points(known.T_base_laser)
+        _draw_scan(axis, points_before, first, "#2ca02c", "scan before, at (1)")
     _draw_scan(
-        axis, points_base[-1], history[0], "#ffaa33", f"scan at {here}, seen from the first guess"
+        axis, points_base, history[0], "#ffaa33", f"scan at {here}, seen from the first guess"
     )
-    _draw_scan(
-        axis, points_base[-1], history[-1], _FOUND, f"scan at {here}, seen from the pose found"
-    )
+    _draw_scan(axis, points_base, history[-1], _FOUND, f"scan at {here}, seen from the pose found")
     if len(result.scans) > 1:
         _draw_robot(axis, result.true_poses[0], "#2ca02c", "-", "robot before, at (1)")
         _number(axis, result.true_poses[0], "#2ca02c", "(1)")
-    _draw_robot(axis, result.true_poses[-1], "#000000", "-", f"robot at {here}: truth")
-    _number(axis, result.true_poses[-1], "#000000", here)
+    _draw_robot(axis, true, "#000000", "-", f"robot at {here}: truth")
+    _number(axis, true, "#000000", here)
     _draw_robot(axis, history[-1].as_array(), _FOUND, "--", f"robot at {here}: pose found")
     path = np.array([T.as_array()[:2] for T in history])
     axis.plot(
@@ -89,7 +89,7 @@ def _draw_search(axis: Axes, config: TrialConfig, result: TrialResult, name: str
     steps = f"{len(history)} step" + "s" * (len(history) > 1)
     verdict = "found" if outcome.is_success else "not found"
     axis.set_title(
-        f"{name}: {verdict}, says '{outcome.match.status.value}'\n"
+        f"{name}: {verdict}, says '{outcome.verdict.status.value}'\n"
         f"off by {error_mm:.1f} mm, {error_deg:.2f} degrees after {steps}",
         fontsize=10,
     )
@@ -100,7 +100,7 @@ def _drive_figure(config: TrialConfig, result: TrackingResult, index: int) -> An
     columns = len(names) if len(names) < 4 else math.ceil(len(names) / 2)
     lines = math.ceil(len(names) / columns)
     figure, axes = plt.subplots(
-        lines, columns, figsize=(5.2 * columns, 5.5 * lines + 0.9), squeeze=False,
+        lines, columns, figsize=(max(5.2 * columns, 7.0), 5.5 * lines + 0.9), squeeze=False,
         layout="compressed",
     )  # fmt: skip
     for axis, name in zip(axes.flat, names, strict=False):
@@ -144,7 +144,7 @@ def _draw_drive(axis: Axes, config: TrialConfig, result: TrackingResult, name: s
     axis.set_title(
         f"{name}: right at {is_right.sum()} of {len(samples)} samples\n"
         f"at the end off by {error_mm:.1f} mm, {error_deg:.2f} degrees,"
-        f" says '{outcome.match.status.value}'",
+        f" says '{outcome.verdict.status.value}'",
         fontsize=10,
     )
 
