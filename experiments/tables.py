@@ -16,6 +16,11 @@ TITLES = {
 }
 
 
+def title_of(experiment: str, poses: str) -> str:
+    """What an experiment is, as it stands above its tables and figures."""
+    return TITLES.get(f"{experiment} {poses}", TITLES[experiment])
+
+
 def summary_table(summary: dict[str, Any], poses: str) -> Table:
     """Ours beside the paper's: errors over the successes, success over all trials."""
     if summary["experiment"] == "mapping":
@@ -23,9 +28,8 @@ def summary_table(summary: dict[str, Any], poses: str) -> Table:
     methods, trials = summary["methods"], summary["samples"]
     raised = next(iter(methods.values()))["raised"]
     trials += raised  # they count as failures of all methods
-    title = TITLES.get(f"{summary['experiment']} {poses}", TITLES[summary["experiment"]])
     table = Table(
-        title=f"{title}\n{_counted(summary)}, {poses} poses",
+        title=f"{title_of(summary['experiment'], poses)}\n{_counted(summary)}, {poses} poses",
         caption="X | Y. Success: within 5 cm and 2 degrees, and not disowned by the method. "
         "Errors over the successes.",
         box=box.SIMPLE_HEAD,

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
 from experiments.figures.canvas import BOUND_STYLE, label_decades, line_style, saved
-from experiments.tables import TITLES
+from experiments.tables import title_of
 
 BOUND = "Cramer-Rao bound: what an efficient estimator of one scan would do"
 _BEYOND = "of the ranges' slopes; edges, odometry and earlier scans can bring a method left of it"
@@ -43,9 +43,10 @@ def bound_figure(folder: Path) -> Path:
     """The share of all trials with an error below x, per method, and what the bound allows.
 
     A trial that failed has no error, so that a curve ends at the method's success rate. Reads
-    `trials.csv` and `summary.json` of the folder; writes `bound.png` and `bound.svg`.
+    `trials.csv`, `summary.json` and `config.json` of the folder; writes `bound.png` and `bound.svg`.
     """
     summary = json.loads((folder / "summary.json").read_text())
+    poses = json.loads((folder / "config.json").read_text())["config"]["poses"]
     with (folder / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     position, heading = _errors(rows, list(summary["methods"]))
@@ -55,7 +56,7 @@ def bound_figure(folder: Path) -> Path:
     axes[0].set(xlabel="position error [mm]", ylabel=f"share of all {_unit(summary)} below it")
     axes[1].set(xlabel="heading error, either side [mrad]")
     figure.suptitle(
-        f"{TITLES[summary['experiment']]}\n"
+        f"{title_of(summary['experiment'], poses)}\n"
         "errors of each method against the bound of one scan: further left is better"
     )
     _legend(figure, summary, position.bounds, heading.bounds)

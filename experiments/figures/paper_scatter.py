@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Rectangle
 
 from experiments.figures.canvas import colour, legend_below, saved
-from experiments.tables import TITLES
+from experiments.tables import title_of
 
 _LIMIT_CM = 4.0
 
@@ -19,9 +19,10 @@ _LIMIT_CM = 4.0
 def scatter(folder: Path) -> Path:
     """Like the paper's Fig. 5: the error of every trial in x and y [cm], a panel for each method.
 
-    Reads `trials.csv` and `summary.json` of the folder; writes `scatter.png` and `scatter.svg`.
+    Reads `trials.csv`, `summary.json` and `config.json` of the folder; writes `scatter.png` and `scatter.svg`.
     """
     summary = json.loads((folder / "summary.json").read_text())
+    poses = json.loads((folder / "config.json").read_text())["config"]["poses"]
     with (folder / "trials.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["status"] == "ok"]
     methods = list(summary["methods"])
@@ -38,7 +39,7 @@ def scatter(folder: Path) -> Path:
         ).reshape(-1, 2)
         _scatter_panel(axis, method, errors_cm, summary)
     axes[0][0].set_ylabel("error in Y [cm]")
-    figure.suptitle(f"{TITLES[summary['experiment']]}: estimated minus true position")
+    figure.suptitle(f"{title_of(summary['experiment'], poses)}: estimated minus true position")
     legend_below(figure, axes[0][0], ncols=3)
     return saved(figure, folder / "scatter")
 

@@ -86,6 +86,18 @@ def test_bound_figure_shows_every_method_with_its_numbers(tmp_path, run_trials):
             assert result[key] is None or f"{result[key]:.2f}" in row
 
 
+def test_figures_are_titled_by_what_was_done(tmp_path, run_trials):
+    assert run_trials(tmp_path, 2) == 0
+    folder = tmp_path / "localization"
+    for file, changed in (("summary.json", {"experiment": "kidnap"}), ("config.json", {})):
+        content = json.loads((folder / file).read_text()) | changed
+        if file == "config.json":
+            content["config"]["poses"] = "anywhere"
+        (folder / file).write_text(json.dumps(content))
+    for path in (scatter(folder), bound_figure(folder)):
+        assert "carried to anywhere, any heading" in " ".join(comments(path.with_suffix(".svg")))
+
+
 def test_bound_is_the_distribution_of_gaussian_errors():
     # against draws: 4e5 of them leave 0.0008 of standard deviation; 5 of these
     rng = np.random.default_rng(0)
@@ -186,6 +198,17 @@ def test_kidnap_picture_tells_truth_from_belief(tmp_path, quick_config):
         "robot at (2): pose found",
     ):
         assert f"<!-- {words} -->" in svg
+
+
+def test_kidnap_picture_shows_each_method_what_it_saw_last(tmp_path, quick_config):
+    result = run_trial(quick_config, generator("kidnap", 0, 0))
+    picture = trial_picture(tmp_path, quick_config, result, 0)
+    as_it_was = picture.with_suffix(".svg").read_text()
+    # another method was not sure, and the robot turned for it
+    turned = result.true_poses[-1] + [0.0, 0.0, 1.0]
+    later = replace(result, true_poses=[result.true_poses[0], turned], scans=[result.scans[0]] * 2)
+    trial_picture(tmp_path, quick_config, later, 0)
+    assert picture.with_suffix(".svg").read_text() == as_it_was
 
 
 @pytest.mark.parametrize(("duration_s", "samples"), [(5.0, 2), (1.0, 0)])

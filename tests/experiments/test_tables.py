@@ -5,7 +5,7 @@ from rich.console import Console
 
 from experiments.paper import PAPER_VALUES
 from experiments.statistics import summarised
-from experiments.tables import summary_table
+from experiments.tables import summary_table, title_of
 from tests.experiments.test_statistics import RAISED, trial
 
 
@@ -61,3 +61,8 @@ def test_nearly_all_is_not_called_all():
     lines = rendered("kidnap", [trial(1, 1, 0)] * 199 + [RAISED])
     # Wilson's interval of 199 in 200; whole percent would say 97 % to 100 %
     assert cells(lines, "95 % interval") == ["-", "97.2%", "to", "99.9%"]
+
+
+def test_title_says_what_was_done():
+    assert "moved -1 m in y" in title_of("kidnap", "paper")
+    assert "anywhere, any heading" in title_of("kidnap", "anywhere")
