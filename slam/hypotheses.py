@@ -123,11 +123,15 @@ class Hypotheses:
         )
 
     def look(
-        self, beams: Beams, suggested: tuple[Hypothesis, ...] | None = None
+        self,
+        beams: Beams,
+        suggested: tuple[Hypothesis, ...] | None = None,
+        T_believed: SE2 | None = None,
     ) -> tuple[Hypothesis, ...]:
         """The places once more, with one scan more; those that the scan alone suggests among them.
 
-        suggested: those, where they are known already.
+        suggested: those, where they are known already. T_believed: a place that is asked in any case,
+        though the search, which returns a few, may not have it among them.
         """
         is_new_view = self._see(beams)
         before = self.places[:1]
@@ -135,6 +139,8 @@ class Hypotheses:
         starts = [relocalizer.refined(beams, place.T_map_base) for place in self.places]
         self.suggested = tuple(relocalizer(beams)) if suggested is None else suggested
         starts += self.suggested
+        if T_believed is not None:
+            starts.append(relocalizer.refined(beams, T_believed))
         # however bad a place is by this scan alone, the other views may speak for it
         joined = [self._joined(start, beams) for start in relocalizer.distinct(starts, math.inf)]
         most = max((one.log_likelihood for one in joined), default=0.0)

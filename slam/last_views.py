@@ -43,7 +43,7 @@ class LastViews:
         """With one view more, whether all together surely are of another place than believed."""
         assert self._T_last is not None
         hypotheses = self.hypotheses
-        hypotheses.look(beams, suggested)
+        hypotheses.look(beams, suggested, self._T_last)
         lead, needed = hypotheses.lead_over(self._T_last), hypotheses.margin_needed
         doubt = max(_DOUBT * needed, hypotheses.config.min_margin)
         if lead >= doubt:

@@ -8,10 +8,12 @@ import pytest
 
 from slam.beams import Beams
 from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
+from slam.last_views import LastViews
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
+from slam.verdict_limits import VerdictLimits
 from tests.slam.synthetic import CLUTTERED_ROOM, SYMMETRIC_ROOM, box, scan_of, searcher
 
 HALF_TURN = SE2(0.0, 0.0, math.pi)
@@ -309,3 +311,18 @@ def test_of_places_nearly_as_likely_that_comes_first_on_whose_walls_the_points_l
     # whose place it is stays open
     assert search.margin == best.log_likelihood - other.log_likelihood
     assert search.rivals[:2] == (best, other)
+
+
+def test_place_believed_is_asked_though_the_search_has_not_found_it(relocalizer):
+    # among people it found the other end of the room alone, and a robot was lost that was right
+    beams = seen(START)
+    only_other = tuple(
+        place for place in relocalizer(beams) if is_at(place.T_map_base, HALF_TURN @ START)
+    )
+    assert len(only_other) == 1
+    views = LastViews(Hypotheses(relocalizer))
+    assert views.is_new_from(START)
+    limits = VerdictLimits(0.8, 0.1, 0.5, 0.8)
+    assert not views.is_elsewhere(beams, only_other, limits)
+    assert_both_places(views.hypotheses, START)
+    assert views.doubts(limits) == ()
