@@ -48,9 +48,10 @@ class KidnapResult(TrialResult):
     lost_scores: dict[str, dict[str, Any]] = field(default_factory=dict)
     """By method, what the scans before and after say for the pose believed: for the ROC."""
     last_scans: dict[str, LaserScan] = field(default_factory=dict)
+    """By method, that of its last look."""
 
     def scan_of(self, method: str) -> LaserScan:
-        """That of its last look; others may have gone on."""
+        """That of its last look; the robot may have turned for others since."""
         return self.last_scans[method]
 
     def record(self) -> dict[str, Any]:

@@ -72,7 +72,7 @@ def summary_table(summary: dict[str, Any], poses: str) -> Table:
 def _mapping_table(summary: dict[str, Any], poses: str) -> Table:
     methods, trials = summary["methods"], summary["trials"]
     table = Table(
-        title=f"{TITLES['mapping']}\n{trials} trials, {poses} way",
+        title=f"{title_of('mapping', poses)}\n{trials} trials, {poses} way",
         caption="Success: ATE at most 5 cm, precision and recall at least 0.99 at 5 cm, and not called"
         " failed. The paper: it 'occasionally failed in mapping'.",
         box=box.SIMPLE_HEAD,

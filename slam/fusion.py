@@ -25,8 +25,8 @@ from slam.se2 import SE2
 _LAG, _SHIFT = 7, 8
 _VAGUE = 10.0
 """Chosen: times a match's variance, of a prediction that has no say."""
-_TOLD = np.array([1.0, 1.0, 1.0])
-"""Chosen: standard deviations [m], [m], [rad] beyond which a match tells nothing of a direction."""
+_TOLD = 1.0
+"""Chosen: information [1/m^2] or [1/rad^2] below which a match tells nothing of a direction."""
 _TURNING_RADPS = 0.05
 """Chosen: slower turns to either side are what a robot that drives straight makes."""
 _ANOTHER_VIEW = 1.0
@@ -107,9 +107,9 @@ class PoseFilter:
         nothing is said of a change of speed, now or by the next motion. The first of which it is
         known may be a start from rest.
         """
-        v, y, w = motion.log()
-        self._slips.move(motion.log())
-        velocity = motion.log() / duration_s
+        v, y, w = twist = motion.log()
+        self._slips.move(twist)
+        velocity = twist / duration_s
         change, creep = self._changed(velocity, np.isfinite(duration_s))
         self._velocity = velocity if np.isfinite(duration_s) else None
         self._turn_to(velocity[2])
@@ -184,8 +184,7 @@ class PoseFilter:
         """How many directions a match (3, 3) tells of, and of the innovation's expected variance along
         them what is its own, from 0 to 1; the rest is the prediction's. 0 and 0 for nothing told.
         """
-        scaled = _TOLD[:, np.newaxis] * information * _TOLD
-        told = int(np.count_nonzero(np.linalg.eigvalsh(scaled) > 1.0))
+        told = int(np.count_nonzero(np.linalg.eigvalsh(information) > _TOLD))
         if told == 0:
             return 0, 0.0
         # tr((P + R)^-1 R), which needs no R where there is none; an open direction counts 1

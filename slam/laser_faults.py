@@ -88,19 +88,15 @@ class CompanionMonitor:
 
     def take(self, beams: Beams, T_map_base: SE2, segment_map: SegmentMap) -> str:
         """Notes a scan and where it was taken; what comes along, in words, empty where nothing does."""
-        config = self._config
+        config, then = self._config, self._then
         near_m = self._near_m(beams, T_map_base, segment_map)
-        enough = config.along_share * len(beams)
-        if near_m is None or np.count_nonzero(np.isfinite(near_m)) <= enough:
-            self._then, self._said = None, ""
-            return ""
-        if self._then is None or len(self._then[1]) != len(near_m):
+        if near_m is None or then is None or len(then[1]) != len(near_m):
+            self._then, self._said = (None if near_m is None else (T_map_base, near_m)), ""
+        elif not T_map_base.is_near(then[0], config.along_way_m, config.along_turn_rad):
+            same = int(np.count_nonzero(np.abs(near_m - then[1]) < config.along_same_m))
+            is_along = same > config.along_share * len(beams)
             self._then, self._said = (T_map_base, near_m), ""
-        elif not T_map_base.is_near(self._then[0], config.along_way_m, config.along_turn_rad):
-            with np.errstate(invalid="ignore"):
-                same = int(np.count_nonzero(np.abs(near_m - self._then[1]) < config.along_same_m))
-            self._then, self._said = (T_map_base, near_m), ""
-            if same > enough:
+            if is_along:
                 self._said = (
                     f"{same} of {len(beams)} beams end within {config.along_m} m at what moves along:"
                     " a part of the robot, or somebody beside it"
@@ -110,12 +106,12 @@ class CompanionMonitor:
     def _near_m(self, beams: Beams, T_map_base: SE2, segment_map: SegmentMap) -> FloatArray | None:
         """(N,) ranges that end near by where the map has nothing, nan for the others; None: too few."""
         config = self._config
-        ranges_m = np.maximum(
-            beams.ranges_m, _TOO_CLOSE_M
-        )  # of -inf, too close to measure, as well
+        ranges_m = np.maximum(beams.ranges_m, _TOO_CLOSE_M)  # -inf, too close, is near as well
         with np.errstate(invalid="ignore"):
             is_near = ranges_m < config.along_m
-        if np.count_nonzero(is_near) <= config.along_share * len(beams):
+        enough = config.along_share * len(beams)
+        if np.count_nonzero(is_near) <= enough:
             return None
         walls_m, _ = segment_map.ranges(beams, T_map_base, 2.0 * config.along_m)
-        return np.where(is_near & (walls_m > 1.5 * ranges_m), ranges_m, np.nan)
+        near_m = np.where(is_near & (walls_m > 1.5 * ranges_m), ranges_m, np.nan)
+        return near_m if np.count_nonzero(np.isfinite(near_m)) > enough else None

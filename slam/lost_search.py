@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses, most_telling_turn
+from slam.hypotheses import Hypotheses
 from slam.laser_faults import LaserFaultConfig, blocked
 from slam.look import Look
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
+from slam.telling_turn import most_telling_turn
 from slam.usual_fit import UsualFit
 from slam.verdict import Judgement, Status, Verdict
 from slam.verdict_limits import VerdictLimits

@@ -61,6 +61,7 @@ RANKS = (
     {
         "relocalization",
         "hypotheses",
+        "telling_turn",
         "verdict_limits",
         "verdict",
         "laser_faults",

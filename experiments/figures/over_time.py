@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from experiments.figures.canvas import BOUND_STYLE, colour, label_decades, line_style, saved
-from experiments.tables import TITLES
+from experiments.tables import title_of
 
 _CENTRAL = (0.1, 0.9)
 """The quantiles of the trials between which the band lies."""
@@ -47,7 +47,7 @@ def over_time_figure(folder: Path) -> Path:
     axes[0].set_ylabel("position error [mm]")
     axes[1].set(ylabel="heading error [mrad]", xlabel="time [s]")
     figure.suptitle(
-        f"{TITLES[config['experiment']]}\n"
+        f"{title_of(config['experiment'], config['config']['poses'])}\n"
         f"error at each scan, lost or not, against its bound; {_drives(len(series))}; lower is better"
     )
     _legend(figure, methods, len(series), has_band)

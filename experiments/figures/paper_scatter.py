@@ -19,7 +19,8 @@ _LIMIT_CM = 4.0
 def scatter(folder: Path) -> Path:
     """Like the paper's Fig. 5: the error of every trial in x and y [cm], a panel for each method.
 
-    Reads `trials.csv`, `summary.json` and `config.json` of the folder; writes `scatter.png` and `scatter.svg`.
+    Reads `trials.csv`, `summary.json` and `config.json` of the folder; writes `scatter.png` and
+    `scatter.svg`.
     """
     summary = json.loads((folder / "summary.json").read_text())
     poses = json.loads((folder / "config.json").read_text())["config"]["poses"]

@@ -89,11 +89,12 @@ def test_bound_figure_shows_every_method_with_its_numbers(tmp_path, run_trials):
 def test_figures_are_titled_by_what_was_done(tmp_path, run_trials):
     assert run_trials(tmp_path, 2) == 0
     folder = tmp_path / "localization"
-    for file, changed in (("summary.json", {"experiment": "kidnap"}), ("config.json", {})):
-        content = json.loads((folder / file).read_text()) | changed
-        if file == "config.json":
-            content["config"]["poses"] = "anywhere"
-        (folder / file).write_text(json.dumps(content))
+    summary, config = (
+        json.loads((folder / f"{name}.json").read_text()) for name in ("summary", "config")
+    )
+    summary["experiment"], config["config"]["poses"] = "kidnap", "anywhere"
+    (folder / "summary.json").write_text(json.dumps(summary))
+    (folder / "config.json").write_text(json.dumps(config))
     for path in (scatter(folder), bound_figure(folder)):
         assert "carried to anywhere, any heading" in " ".join(comments(path.with_suffix(".svg")))
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses, HypothesesConfig, most_telling_turn
+from slam.hypotheses import Hypotheses, HypothesesConfig
 from slam.last_views import LastViews
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
+from slam.telling_turn import most_telling_turn
 from slam.verdict_limits import VerdictLimits
 from tests.slam.synthetic import CLUTTERED_ROOM, SYMMETRIC_ROOM, box, scan_of, searcher
 
