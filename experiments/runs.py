@@ -21,7 +21,7 @@ from experiments.map_statistics import mapping_summary
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
 from experiments.recovery import recovery_figures
-from experiments.statistics import summarised, verdict_counts
+from experiments.statistics import samples_of, summarised, verdict_counts
 from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
 
@@ -48,17 +48,23 @@ class Run:
         Raises ValueError for a configuration that cannot be run, or a folder that holds another or
         in which another run is at work.
         """
-        experiment_module(self.experiment).checked(self.config)
+        self.check()
         with locked(self.folder):
             return self._execute_alone(jobs, on_trial)
+
+    def check(self) -> None:
+        """Raises ValueError as `execute` does, before anything is run."""
+        experiment_module(self.experiment).checked(self.config)
+        if self.folder.exists():
+            with locked(self.folder):
+                self._log()
 
     def _execute_alone(
         self, jobs: int, on_trial: Callable[[int, dict[str, Any]], None]
     ) -> dict[str, Any]:
         started_s = time.monotonic()
-        key = config_hash(self.experiment, self.config, self.seed)
-        log = TrialLog(self.folder, self.experiment, key)
-        self._write_config(key)
+        log = self._log()
+        self._write_config()
         for index in sorted(log.records):
             if index < self.trials:
                 on_trial(index, log.records[index])
@@ -99,11 +105,18 @@ class Run:
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 
-    def _write_config(self, key: str) -> None:
+    def _log(self) -> TrialLog:
+        return TrialLog(self.folder, self.experiment, self._config_hash)
+
+    @property
+    def _config_hash(self) -> str:
+        return config_hash(self.experiment, self.config, self.seed)
+
+    def _write_config(self) -> None:
         content = {
             "experiment": self.experiment,
             "config": asdict(self.config),
-            "config_hash": key,
+            "config_hash": self._config_hash,
             "seed": self.seed,
             "trials": self.trials,
             "versions": versions(),
@@ -115,12 +128,8 @@ class Run:
     def _write_summary(self, log: TrialLog, wall_s: float) -> dict[str, Any]:
         indices = [index for index in sorted(log.records) if index < self.trials]
         records = [log.records[index] for index in indices]
-        samples = [
-            {"index": record["index"]} | sample
-            for record in records
-            if record["status"] == "ok"
-            for sample in record.get("samples", [record])
-        ]
+        counted = samples_of(records)
+        samples = [sample for sample in counted if sample["status"] == "ok"]
         timings = [log.timings[index] for index in indices if index in log.timings]
         summary = {
             "experiment": self.experiment,
@@ -133,7 +142,7 @@ class Run:
             "people_in_view": _mean(
                 [record["people_in_view"] for record in samples if "people_in_view" in record]
             ),
-            "methods": self._of_methods(_with_failures(samples, records)),
+            "methods": self._of_methods(counted),
             "paper_values": PAPER_VALUES.get(self.experiment),
         }
         if self.experiment == "tracking":
@@ -149,13 +158,6 @@ class Run:
         if self.experiment == "mapping":
             return mapping_summary(records, self.config.methods)
         return summarised(records, self.config.methods)
-
-
-def _with_failures(
-    samples: list[dict[str, Any]], records: list[dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """The samples, and the trials that raised: they count as failures."""
-    return samples + [record for record in records if record["status"] != "ok"]
 
 
 def _mean(values: list[int]) -> float | None:

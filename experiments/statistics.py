@@ -13,6 +13,18 @@ NEES_TAIL = 16.27
 """What one NEES in a thousand exceeds if it is chi-square of three."""
 
 
+def samples_of(records: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """What is counted: each sample of the trials that drove, the records of others as they are.
+
+    Each with the index of its trial; of one that raised, its record.
+    """
+    return [
+        {"index": record["index"]} | sample
+        for record in records
+        for sample in record.get("samples", [record])
+    ]
+
+
 def summarised(records: list[dict[str, Any]], methods: tuple[str, ...]) -> dict[str, Any]:
     """Per method, the figures of `summary.json`; trials that raised count as failures of all.
 

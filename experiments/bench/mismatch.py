@@ -16,7 +16,7 @@ from rich.table import Table
 
 from experiments.figures import mismatch_figure
 from experiments.runs import recorded_trial
-from experiments.statistics import summarised
+from experiments.statistics import samples_of, summarised
 from experiments.trials import TrialConfig
 from experiments.worlds import MISMATCHES
 
@@ -60,8 +60,9 @@ def _row(
 
 def _figures(experiment: str, config: TrialConfig, seed: int, trials: int) -> dict[str, Any]:
     """The figures of so many trials, of all samples together where each has several."""
-    records = [recorded_trial(experiment, config, seed, index)[1] for index in range(trials)]
-    samples = [sample for record in records for sample in record.get("samples", [record])]
+    finished = [recorded_trial(experiment, config, seed, index) for index in range(trials)]
+    records: list[dict[str, Any]] = [{"index": index} | record for index, record, _ in finished]
+    samples = samples_of(records)
     result = summarised(samples, config.methods)[METHOD]
     # what each trial ended with
     warnings = [

@@ -53,15 +53,15 @@ def run(
     duration: Duration = 30.0,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
-    from experiments.runs import Run, experiment_module
+    from experiments.runs import Run
 
     typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
-    configs = {name: _config(name, *typed) for name in experiments}
-    for name, config in configs.items():
-        experiment_module(name).checked(config)
+    runs = [Run(name, _config(name, *typed), seed, trials, out / name) for name in experiments]
+    for each in runs:
+        each.check()
     has_raised = False
-    for name, config in configs.items():
-        summary = _executed(Run(name, config, seed, trials, out / name), jobs)
+    for each in runs:
+        summary = _executed(each, jobs)
         has_raised |= any(result["raised"] for result in summary["methods"].values())
     raise typer.Exit(1 if has_raised else 0)
 
@@ -183,8 +183,9 @@ def _executed(run: "Run", jobs: int | None) -> dict:
 
         summary = run.execute(jobs or os.cpu_count() or 1, on_trial)
     console.print(summary_table(summary, run.config.poses))
-    _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
-    run_figures(run.folder)
+    with console.status("drawing figures"):
+        _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
+        run_figures(run.folder)
     console.print(f"results and figures: {run.folder}")
     return summary
 

@@ -116,6 +116,19 @@ def test_folder_of_another_configuration_is_refused(tmp_path, run_trials, capsys
     assert results(tmp_path / "localization") == before
 
 
+def test_folder_of_a_later_experiment_is_refused_before_the_first_is_run(
+    tmp_path, run_trials, box_room, capsys
+):
+    assert run_trials(tmp_path) == 0
+    options = ["--place", box_room, "--poses", "random", "--method", "odometry", "--seed", "1"]
+    options += ["--trials", "1", "--jobs", "1"]
+    capsys.readouterr()
+    command = ["run", "kidnap", "localization", *options, "--out", str(tmp_path)]
+    line = line_of_refusal(capsys, main(command))
+    assert line.startswith(f"{tmp_path}/localization holds trials of another config")
+    assert not (tmp_path / "kidnap").exists()
+
+
 def test_folder_at_which_another_run_is_at_work_is_refused(tmp_path, run_trials, capsys):
     folder = tmp_path / "localization"
     with locked(folder):

@@ -1,0 +1,25 @@
+"""`kitasap bench mismatch`: a table row for each assumption that does not hold, and the figure."""
+
+import json
+
+from experiments.cli import main
+from experiments.worlds import MISMATCHES
+
+SOME = {name: MISMATCHES[name] for name in ("none", "chair")}
+
+
+def test_each_mismatch_has_its_figures(tmp_path, capsys, monkeypatch):
+    # six take a quarter of a minute
+    monkeypatch.setattr("experiments.bench.mismatch.MISMATCHES", SOME)
+    monkeypatch.setattr("experiments.bench.mismatch._DRIVE_S", 6.0)
+    options = ["--trials", "2", "--drives", "1", "--out", str(tmp_path)]
+    assert main(["bench", "mismatch", *options]) == 0
+    rows = json.loads((tmp_path / "mismatch.json").read_text())
+    assert [row["mismatch"] for row in rows] == list(SOME)
+    for row in rows:
+        assert row["still"]["samples"] == 2
+        assert row["moving"]["samples"] > 1
+        assert row["still"]["failures"] == row["moving"]["failures"] == 0
+        assert row["moving"]["nees"] > 0.0
+    assert (tmp_path / "mismatch.png").stat().st_size > 10_000
+    assert "chair" in capsys.readouterr().out
