@@ -113,7 +113,8 @@ def _draw_way(axis: Axes, result: LocalizedLog) -> None:
         )  # fmt: skip
         guess = ", best guess" if is_guess else ""
         axis.plot(
-            [], [], marker=r"$\rightarrow$", ms=12, ls="", color=_COLOURS[status],
+            [], [], marker=(3, 0, -90), ms=7, ls="", color=_COLOURS[status],
+            mfc="none" if is_guess else _COLOURS[status],
             label=f"{status.value}: {count} of {len(result.estimates)}{guess}",
         )  # fmt: skip
     if len(poses):

@@ -84,7 +84,7 @@ def map_quality_figure(folder: Path) -> Path:
             axis.set_xscale("log")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("share of the trials")
-    axes[1].legend(loc="upper left", fontsize=8)
+    legend_below(figure, axes[0], ncols=1 + len(summary["methods"]))
     figure.suptitle(f"maps of {summary['trials']} trials")
     return saved(figure, folder / "quality")
 

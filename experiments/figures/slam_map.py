@@ -32,7 +32,8 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     trajectory = result.trajectory
     for number in range(slam_map.session_count - 1):
         before = slam_map.trajectory_of(number)
-        axes.plot(*before.poses[:, :2].T, color="0.55", lw=0.8, label=f"session {number + 1}")
+        # wide, so that it shows on both sides of a way driven again
+        axes.plot(*before.poses[:, :2].T, color="0.6", lw=3.0, label=f"session {number + 1}")
     way = LineCollection(
         list(np.stack([trajectory.poses[:-1, :2], trajectory.poses[1:, :2]], axis=1)),
         array=trajectory.times_s[:-1] - trajectory.times_s[0], cmap="viridis", lw=1.2,
