@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -206,7 +205,8 @@ class Localizer:
             if guard is not None:
                 guard.carry(moved)
             return Judgement(Verdict(Status.UNSURE, (_FROZEN,)), None), ()
-        look, T_predicted = self._look(measurement), self.T_map_base
+        beams, T_predicted = self._beams_of(scan), self.T_map_base
+        look = Look(measurement.time_s, beams, self.matcher)
         if guard is not None:
             judged = guard.search(look, moved) if guard.is_lost else guard.carried_off(look, step)
             if judged is not None:
@@ -218,10 +218,6 @@ class Localizer:
         if guard is None:
             return Judgement(verdict_of(match), match), said
         return guard.judge(look, match, step), said
-
-    def _look(self, measurement: Measurement) -> Look:
-        beams = self._beams_of(measurement.scan)
-        return Look(measurement.time_s, beams, partial(self.matcher, beams))
 
     def _predict(
         self, time_s: float, beam_times_s: FloatArray | None, motion: SE2, noise: FloatArray

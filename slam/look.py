@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.evidence import Evidence
 from slam.scan_match import ScanMatch
@@ -17,11 +17,21 @@ from slam.se2 import SE2
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A scan to be judged: its stamp, its beams, and how it is matched from a pose on."""
+    """A scan to be judged: its stamp, its beams, and how they are matched from a pose on."""
 
     time_s: float
     beams: Beams
-    matched: Callable[[SE2], ScanMatch]
+    matcher: Callable[[Beams, SE2], ScanMatch]
+
+    def matched(self, T_start: SE2) -> ScanMatch:
+        """The scan matched."""
+        return self.matcher(self.beams, T_start)
+
+    def matched_without(self, is_left_out: BoolArray, T_start: SE2) -> ScanMatch:
+        """The scan matched, but for some of its beams, (N,)."""
+        beams = self.beams
+        ranges_m = np.where(is_left_out, np.nan, beams.ranges_m)
+        return self.matcher(Beams(beams.origins_m, beams.angles_rad, ranges_m), T_start)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,22 +15,24 @@ from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.slip import SlipConfig, SlipMonitor
+from slam.unmapped import UnmappedConfig, UnmappedObstacle
 from slam.usual_fit import UsualFit, UsualFitConfig
 from slam.verdict import Judgement, Status, Verdict
 
 _ELSEWHERE = "carried away: the scan fits another place far better"
 _OUTVOTED = "carried away: the last views together fit another place far better"
 _MOVED = "moved by no wheel, and the scan fits another place nearly as well"
+_UNMAPPED = "something stands before the walls that is not on the map, or the robot was moved"
 
 
 @dataclass(frozen=True)
 class GuardConfig:
     """How a `Guard` judges.
 
-    hypotheses: None: what suits the map. jump_m, jump_rad: standard deviations of a match beside
-    what it claims, when its innovation is judged; max_jump: normalised innovation squared that no
-    wheel explains: 30 is exceeded by chance once in a million. patience: scans in a row that nothing
-    explains before the robot says that it is lost. turn_rad: steps of looking around.
+    hypotheses, unmapped: None: what suits the map. jump_m, jump_rad: standard deviations of a match
+    beside what it claims, when its innovation is judged; max_jump: normalised innovation squared that
+    no wheel explains: 30 is exceeded by chance once in a million. patience: scans in a row that
+    nothing explains before the robot says that it is lost. turn_rad: steps of looking around.
     off_surfaces: share of the points that lie on no surface, below which a scan may well be where
     the wheels lead; near_m, near_rad: of a place within both a matcher may find its way there, which
     reaches 0.2 m. recheck_drop, recheck_m: a scan that was found to fit here best is not searched
@@ -41,6 +43,7 @@ class GuardConfig:
     usual: UsualFitConfig = field(default_factory=UsualFitConfig)
     slip: SlipConfig = field(default_factory=SlipConfig)
     laser_faults: LaserFaultConfig = field(default_factory=LaserFaultConfig)
+    unmapped: UnmappedConfig | None = None
     jump_m: float = 0.03
     jump_rad: float = math.radians(1.2)
     max_jump: float = 30.0
@@ -63,6 +66,7 @@ class Guard:
         self._slip = SlipMonitor(self.config.slip)
         self._usual = UsualFit(relocalizer, self.config.usual)
         self._companion = CompanionMonitor(self.config.laser_faults)
+        self._obstacle = UnmappedObstacle(relocalizer, self.config.unmapped)
         self._search, self._views = self._lost_search(), LastViews(self._hypotheses())
         self._unexplained = self._beaten = 0
         self._checked: tuple[float, SE2] | None = None
@@ -147,6 +151,9 @@ class Guard:
             self._slip.clear()
             return self._blocked_or_carried(blocked, look, step)
         fit = self._fit(look, match, step)
+        beside = self._beside_obstacle(fit, look, step)
+        if beside is not None:
+            return beside
         if match.is_matched:
             is_jump = fit.jump is not None
             judged = self._slipped(fit, step) if is_jump else self._followed(fit, step, look)
@@ -239,6 +246,15 @@ class Guard:
             return None
         return Judgement(Verdict(Status.UNSURE, (slip,)), fit.match, is_restart=True)
 
+    def _beside_obstacle(self, fit: Fit, look: Look, step: Step) -> Judgement | None:
+        """A scan that an unmapped obstacle may spoil; None where it does not."""
+        limits = self._usual.limits_here(look.beams)
+        match = self._obstacle.match_beside(look, fit, step, limits, self._jump)
+        if match is None:
+            return None
+        self._slip.clear()
+        return Judgement(Verdict(Status.UNSURE, (_UNMAPPED, *fit.misfits)), match)
+
     def _jumped(self, jump: str, fit: Fit, found: Hypotheses, look: Look, step: Step) -> Judgement:
         """A match that no wheel explains: it went astray, or the robot was carried."""
         reasons = jump, *fit.misfits
@@ -311,6 +327,7 @@ class Guard:
     ) -> Judgement:
         """Lost from now on; the match is what the pose becomes."""
         self.is_lost, self._checked = True, None
+        self._obstacle.clear()
         self._unexplained = self._beaten = 0
         self._slip.clear()
         self._search, self._views = self._lost_search(found, time_s), LastViews(self._hypotheses())

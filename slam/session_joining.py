@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 
@@ -144,8 +143,8 @@ class SessionJoiner:
         moved = SE2.identity() if self._T_last is None else self._T_last.inverse() @ T_now
         self._T_last = T_now
         beams = keyframe.beams.cut(self._known.laser.range_max_m)
-        matched = partial(self._known.matcher("fast"), beams)
-        judged = self._guard.search(Look(keyframe.time_s, beams, matched), moved)
+        look = Look(keyframe.time_s, beams, self._known.matcher("fast"))
+        judged = self._guard.search(look, moved)
         if judged.verdict.status is not Status.TRACKING or judged.match is None:
             return None
         return judged.match.T_map_base @ pose.inverse()

@@ -69,6 +69,7 @@ RANKS = (
         "usual_fit",
         "last_views",
         "look",
+        "unmapped",
         "lost_search",
         "lost",
         "front_end",

@@ -5,10 +5,12 @@ import math
 import numpy as np
 
 from slam import SE2, FastMatcher, LimitMatcher, Localizer, Measurement, SegmentMap, SurfelGrid
+from slam.known_map import KnownMap
 from slam.lost import Guard
+from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.relocalization import Relocalizer
 from tests.slam.all_methods import MODEL, SIGMA_M
-from tests.slam.synthetic import scan_of
+from tests.slam.synthetic import sampled, scan_of
 
 LASER = SE2(0.1, 0.0, 0.0)
 START = SE2(2.6, 1.9, 0.4)
@@ -20,6 +22,22 @@ def made(segments):
     surfels = SurfelGrid.of(walls)
     matcher = LimitMatcher(walls, MODEL, FastMatcher(surfels, MODEL))
     return segments, matcher, Relocalizer.of(walls, surfels, MODEL)
+
+
+def mapped_in_cells(segments, inside, corner_m):
+    """A grid of 5 cm cells: walls (S, 2, 2), free boxes (left, lower, right, upper), its corner [m]."""
+    corner, cell_m = np.array(corner_m), 0.05
+
+    def cells_of(points):
+        return np.floor((np.asarray(points) - corner) / cell_m).astype(int)
+
+    columns, rows = cells_of(sampled(segments, 0.01)).T
+    cells = np.full((rows.max() + 8, columns.max() + 8), UNKNOWN, dtype=np.int8)
+    for left, lower, right, upper in inside:
+        (first, low), (last, high) = cells_of([(left, lower), (right, upper)])
+        cells[low : high + 1, first : last + 1] = FREE
+    cells[rows, columns] = OCCUPIED
+    return KnownMap.of_grid(OccupancyGrid(cells, cell_m, SE2(*corner_m, 0.0)))
 
 
 class Robot:

@@ -257,7 +257,7 @@ def test_what_no_match_explains_moves_the_pose_nowhere(room):
     scan = scan_of(ROOM_SEGMENTS, START @ LASER, robot.rng, SIGMA_M)
     beams = Beams.of(scan, LASER)
 
-    def never(T_start: SE2) -> ScanMatch:
+    def never(beams: Beams, T_start: SE2) -> ScanMatch:
         return ScanMatch(T_start, MatchStatus.NOT_CONVERGED)
 
     judged = guard.judge(Look(0.0, beams, never), astray, step)

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from slam import SE2, Measurement, Status
-from slam.known_map import KnownMap
-from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from tests.slam.synthetic import box, room, sampled, scan_of
+from tests.slam.guarded import mapped_in_cells
+from tests.slam.synthetic import box, room, scan_of
 
-CELL_M = 0.05
 CIRCLE = SE2(0.02, 0.0, 0.06)
 HALF_TURN = np.radians(np.arange(-90.0, 90.5, 1.0))
 FURNITURE = [
@@ -33,15 +31,8 @@ class Twins:
             walls.append(room(x, 0.0, x + 4.0, 4.0))
             walls += [box(x + left, low, x + right, high) for left, low, right, high in boxes]
         self.segments = np.concatenate(walls)
-        cells = np.full((90, 180), UNKNOWN, dtype=np.int8)
-        corner = np.array(corner_m)
-        for number in range(2):
-            low = np.floor((np.array([pitch_m * number, 0.0]) - corner) / CELL_M).astype(int)
-            cells[low[1] : low[1] + 81, low[0] : low[0] + 81] = FREE
-        across, up = np.floor((sampled(self.segments, 0.01) - corner) / CELL_M).astype(int).T
-        cells[up, across] = OCCUPIED
-        grid = OccupancyGrid(cells, CELL_M, SE2(*corner_m, 0.0))
-        self.map = KnownMap.of_grid(grid)
+        inside = [(x, 0.0, x + 4.0, 4.0) for x in (0.0, pitch_m)]
+        self.map = mapped_in_cells(self.segments, inside, corner_m)
 
     def drive(self, number, start=None, scans=100, seed=0):
         """A circle in a room: for each scan the status, and whether it is at the true place.
