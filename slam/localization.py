@@ -11,6 +11,7 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.consistency import InnovationMonitor
 from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held
+from slam.innovation_scales import InnovationScales
 from slam.look import Look, Step
 from slam.lost import Guard
 from slam.matchers import Matcher
@@ -27,8 +28,6 @@ _UNUSED = {
     Status.UNSURE: MatchStatus.NOT_ATTEMPTED,
     Status.LOST: MatchStatus.LOST,
 }
-_MOST_NIS = 4.0
-"""Chosen: of a normalised innovation squared, per number, no more is learnt from."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ class Localizer:
         self._last: Measurement | None = None
         self._T_last, self._moved_noise = T_map_base, np.zeros((3, 3))
         self._claims_nothing = False
-        self._match_scale, self._motion_scale, self._fused = 1.0, 1.0, 0
+        self._scales = InnovationScales(self.config.max_scale)
         self._offset_m = 0.0
 
     @property
@@ -158,7 +157,7 @@ class Localizer:
         # a match that is not to be used leaves the prediction as it is
         match = judged.match or ScanMatch(T_predicted, _UNUSED[judged.verdict.status])
         self._last = measurement
-        scale = self._match_scale
+        scale = self._scales.match
         if judged.is_restart:
             nis = None
             self._restart(match)
@@ -224,7 +223,7 @@ class Localizer:
     ) -> SE2:
         """Moves the pose on by what the wheels told up to a stamp; the motion as it truly was."""
         duration_s = self._straightener.duration_s(time_s, motion)
-        moved = self._filter.predict(motion, duration_s, self._motion_scale * noise)
+        moved = self._filter.predict(motion, duration_s, self._scales.motion * noise)
         self._viewpoint.move(moved)
         sigma = self._filter.motion_sigma
         self._straightener.take_motion(time_s, beam_times_s, moved, duration_s, sigma)
@@ -257,14 +256,14 @@ class Localizer:
         whole, match = match, self._viewpoint.fresh(match)
         assert match.information is not None
         assert whole.information is not None
-        information = match.information / self._match_scale
+        information = match.information / self._scales.match
         nis = self._filter.innovation(match.T_map_base, information)
         told, own = self._filter.share_of_match(information)
         if nis <= self.config.max_nis or not self._is_elsewhere(match):
-            self._filter.take(match, self._match_scale)
+            self._filter.take(match, self._scales.match)
             self._viewpoint.take()
             if told:
-                self._learn_scales(nis / told, own)
+                self._scales.learn(nis / told, own)
         elif match.is_matched:
             self._filter.restart(whole.T_map_base, covariance_held(whole.information))
             self._viewpoint.take(is_anew=True)
@@ -274,19 +273,6 @@ class Localizer:
     def _is_elsewhere(self, match: ScanMatch) -> bool:
         """Whether a match is farther from the prediction than wheels may slip."""
         assert match.information is not None
-        information = match.information / self._match_scale
+        information = match.information / self._scales.match
         nis = self._filter.innovation(match.T_map_base, information, after_slip=True)
         return nis > self.config.max_nis
-
-    def _learn_scales(self, nis: float, share_of_match: float) -> None:
-        """Innovations tell how wide the covariances of matches and wheels truly are (Mehra, 1972).
-
-        Each learns as far as the innovation was expected to be its own. nis: 1 on average.
-        """
-        self._fused += 1
-        excess = (min(nis, _MOST_NIS) - 1.0) / min(self._fused + 20.0, 100.0)
-        most = self.config.max_scale
-        scale = self._match_scale * (1.0 + share_of_match * excess)
-        self._match_scale = min(max(scale, 1.0), most)
-        scale = self._motion_scale * (1.0 + (1.0 - share_of_match) * excess)
-        self._motion_scale = min(max(scale, 1.0), most)

@@ -82,6 +82,7 @@ RANKS = (
         "heavy_tails",
         "fusion",
         "consistency",
+        "innovation_scales",
         "straightening",
         "matchers",
         "calibration",
