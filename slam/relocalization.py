@@ -33,7 +33,8 @@ class RelocalizerConfig:
     surface a point is that does not lie on it; chosen: what walls made of scans are off. apart_m,
     apart_rad: poses closer than both are one hypothesis. max_refined: the best candidates that are
     refined on all points. max_behind: of log-likelihood, behind the best, at which a hypothesis is
-    not worth returning. loose_m: standard deviation from which on a scan holds a direction loosely;
+    not worth returning. sure_score: a candidate with so much of the best one's score is refined on all
+    points as well. loose_m: standard deviation from which on a scan holds a direction loosely;
     ridge_m: how far along it to look for what is as likely; ridge_scale: of log-likelihood, a
     difference that may be chance. chosen, all three: on the Intel log, where walls are 5 cm off and
     a step of as much changes it by four at random; ACES, Freiburg and MIT do not contradict.
@@ -57,6 +58,7 @@ class RelocalizerConfig:
     apart_rad: float = math.radians(8.0)
     max_refined: int = 8
     max_behind: float = 100.0
+    sure_score: float = 0.85
     loose_m: float = 0.015
     ridge_m: float = 0.2
     ridge_scale: float = 4.0
@@ -114,17 +116,18 @@ class Relocalizer:
         points = beams.points
         search = self.config.search
         few = spread(points, search.cell_m, search.max_points, np.inf)
-        found = []
-        for candidate in self.grid.search(points):
-            start = candidate.T_map_base
-            found.append(self._refined(beams, few, start, self.config.first))
-            if not self.segment_map.is_exact:
-                # where the map is poor, refining may lead away from a pose that was right
-                found.append(self.at(beams, start))
-        starts = self.distinct(found)[: self.config.max_refined]
+        candidates = self.grid.search(points)
+        starts = [candidate.T_map_base for candidate in candidates]
+        found = [self._refined(beams, few, start, self.config.first) for start in starts]
+        # legs near by may lead astray those few points
+        least = self.config.sure_score * max((one.score for one in candidates), default=0.0)
+        found += [self.refined(beams, one.T_map_base) for one in candidates if one.score >= least]
+        if not self.segment_map.is_exact:
+            # where the map is poor, refining may lead away from a pose that was right
+            found += [self.at(beams, start) for start in starts]
         return self.distinct(
             hypothesis
-            for start in starts
+            for start in self.distinct(found)[: self.config.max_refined]
             for hypothesis in (
                 start,
                 self._refined(beams, points, start.T_map_base, self.config.last),
@@ -133,9 +136,11 @@ class Relocalizer:
 
     def refined(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
         """The hypothesis near a pose, on all points; the pose itself where that is more likely."""
+        # from afar a likelihood as wide as the way to go misleads at times, a narrow one at others
         return max(
             self.at(beams, T_map_base),
             self._refined(beams, beams.points, T_map_base, self.config.carried),
+            self._refined(beams, beams.points, T_map_base, self.config.last),
             key=lambda hypothesis: hypothesis.log_likelihood,
         )
 
