@@ -111,13 +111,15 @@ class VerdictConfig:
 
     min_beams: fewer tell of no room. min_inlier_ratio: share of the beams that the map explains;
     three pairs of legs leave nine tenths, a wrong pose in a room seldom more than half.
-    max_behind_ratio: share that passed through walls; right poses stay below 3 %.
+    max_behind_ratio: share that passed through walls; right poses stay below 3 %, and twice as much
+    may pass where missing_inlier_ratio of the others fit: a cupboard was taken away.
     max_sigma_m, max_sigma_rad: wider than this along any direction, the scan leaves it open.
     """
 
     min_beams: int = 20
     min_inlier_ratio: float = 0.6
     max_behind_ratio: float = 0.15
+    missing_inlier_ratio: float = 0.95
     max_sigma_m: float = 0.05
     max_sigma_rad: float = 0.035
 
@@ -125,6 +127,11 @@ class VerdictConfig:
         """True where some direction, or the heading, is not known well enough to be believed."""
         sigma_m, sigma_rad = widest(information)
         return not (sigma_m <= self.max_sigma_m and sigma_rad <= self.max_sigma_rad)
+
+    def are_walls_missing(self, inlier_ratio: float, behind_ratio: float) -> bool:
+        """Whether more walls are missing than may have been taken away."""
+        is_rest_right = inlier_ratio >= self.missing_inlier_ratio * (1.0 - behind_ratio)
+        return behind_ratio > (2.0 if is_rest_right else 1.0) * self.max_behind_ratio
 
     def held(self, information: FloatArray) -> FloatArray:
         """(3, 3) the part of an information that fixes something: none along what is open."""
@@ -324,7 +331,7 @@ class LimitMatcher:
         if (
             match.used < verdict.min_beams
             or not fits
-            or match.behind_ratio > verdict.max_behind_ratio
+            or verdict.are_walls_missing(match.inlier_ratio, match.behind_ratio)
         ):
             return MatchStatus.LOST
         if verdict.is_open(information):

@@ -14,7 +14,7 @@ from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from tests.slam.all_methods import METHODS, SIGMA_M, localizer, matchers
 from tests.slam.slow_twins import cast_all
-from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, scan_of
+from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, box, scan_of
 
 LASER = SE2(0.19, 0.0, 0.0)
 STEP = SE2(0.03, 0.0, 0.02)
@@ -247,6 +247,29 @@ def test_scan_of_too_few_beams_is_lost(room):
     for name in ("fast", "limit"):
         match = room[name](Beams.of(few, LASER), ROOM_CENTRE)
         assert match.status is MatchStatus.LOST
+
+
+@pytest.fixture(scope="module")
+def room_with_a_chair() -> dict:
+    """As the map has it; beside ROOM_CENTRE, where 21 % of the beams go through it."""
+    return matchers(np.concatenate([ROOM_SEGMENTS, box(3.3, 1.8, 3.8, 2.3)]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_chair_taken_away_from_beside_the_robot_is_no_other_building(room_with_a_chair, seed):
+    scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE @ LASER, np.random.default_rng(seed), SIGMA_M)
+    start = ROOM_CENTRE @ SE2(0.05, -0.04, 0.05)
+    match = room_with_a_chair["limit"](Beams.of(scan, LASER), start)
+    assert match.is_matched
+    assert off(match.T_map_base, ROOM_CENTRE)[0] < 0.005
+
+
+def test_more_walls_may_be_missing_where_all_else_fits():
+    verdict = VerdictConfig()
+    assert not verdict.are_walls_missing(0.5, 0.1)
+    assert verdict.are_walls_missing(0.7, 0.2)
+    assert not verdict.are_walls_missing(0.79, 0.2)
+    assert verdict.are_walls_missing(0.68, 0.32)
 
 
 def test_verdict_is_open_where_a_direction_is_wider_than_allowed():
