@@ -5,13 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from slam.arrays import FloatArray, IntArray
 from slam.pose_arrays import between, composed
 from slam.se2 import wrap_angle
 from slam.trajectory import Trajectory
 
+_TORN_M, _TORN_SHARE, _TORN_RAD = 0.5, 0.5, 0.8
+"""Chosen: no wheels that roll err by so much between two poses, and by so much of the way."""
+_FASTEST_MPS = 10.0
+"""Chosen: no wheeled robot in a building goes so fast, or turns as many radians a second."""
 _SAME_STAMP_S = 1e-4
 """Stamps are written with six decimals, some with four."""
 
@@ -21,7 +25,8 @@ class PoseLookup:
     """Where a trajectory was at times that need not be its own.
 
     The pose at a time is, in this order: that of the same stamp, within 0.1 ms; with odometry, the
-    poses before and after, each carried there by the wheels, the nearer in time counting more;
+    poses before and after, each carried there by the wheels, the nearer in time counting more, but
+    one alone where the wheels' own poses jump in between;
     between neighbours at most max_gap_s apart, straight between them, heading the short way. There
     is none otherwise, and none more than max_gap_s before the first pose or after the last one,
     where only odometry leads. Stamps may go back or repeat: the later line of a stamp counts.
@@ -73,9 +78,31 @@ class PoseLookup:
             composed(self._poses[i], between(at_poses[i], at_asked)) for i in (before, after)
         )
         poses = self._blended(forward, backward, asked_s, before, after)
+        is_torn = self._is_torn(forward, backward, before, after)
+        since, until = between(at_poses[before], at_asked), between(at_asked, at_poses[after])
+        is_first = _length(since) <= _length(until)
+        poses[is_torn] = np.where(is_first[:, np.newaxis], forward, backward)[is_torn]
+        since_s, until_s = asked_s - self._times_s[before], self._times_s[after] - asked_s
+        is_flown = (_length(since) > _TORN_M + _FASTEST_MPS * np.abs(since_s)) & (
+            _length(until) > _TORN_M + _FASTEST_MPS * np.abs(until_s)
+        )
+        poses[is_flown] = np.nan
         beyond_s = np.maximum(self._times_s[0] - asked_s, asked_s - self._times_s[-1])
         poses[beyond_s > self.max_gap_s] = np.nan
         return poses
+
+    def _is_torn(
+        self, forward: FloatArray, backward: FloatArray, before: IntArray, after: IntArray
+    ) -> NDArray[np.bool_]:
+        """(M,) whether the wheels' poses jump between two neighbours, as where they are set anew."""
+        off = between(forward, backward)
+        most_m = _TORN_M + _TORN_SHARE * self._way(before, after)
+        is_far = np.hypot(off[:, 0], off[:, 1]) > most_m
+        return np.asarray(is_far | (np.abs(wrap_angle(off[:, 2])) > _TORN_RAD))
+
+    def _way(self, before: IntArray, after: IntArray) -> FloatArray:
+        """(M,) how far neighbours are apart, a turn counting as in `_length` [m]."""
+        return _length(between(self._poses[before], self._poses[after]))
 
     def _blended(
         self,
@@ -94,3 +121,8 @@ class PoseLookup:
         poses = by_before + share * step
         poses[:, 2] = wrap_angle(poses[:, 2])
         return poses
+
+
+def _length(motions: FloatArray) -> FloatArray:
+    """(M,) of motions (M, 3): way [m], a turn by a radian counting as one metre."""
+    return np.asarray(np.hypot(motions[:, 0], motions[:, 1]) + np.abs(wrap_angle(motions[:, 2])))

@@ -7,7 +7,7 @@ import pytest
 
 from slam.pose_arrays import between, composed
 from slam.pose_lookup import PoseLookup
-from slam.se2 import SE2
+from slam.se2 import SE2, wrap_angle
 from slam.trajectory import Trajectory
 
 
@@ -77,3 +77,28 @@ def test_empty_trajectory_and_gap_in_the_odometry_know_nothing():
     lookup = PoseLookup(Trajectory([0.0, 100.0], np.zeros((2, 3))), odometry)
     assert np.isnan(lookup.at([50.0])).all()
     assert np.isnan(PoseLookup(lookup.trajectory, empty).at([50.0])).all()
+
+
+@pytest.mark.parametrize(
+    ("jump", "is_jumping"),
+    [
+        ((3000.0, -2000.0, 0.0), lambda t: t > 3.42),
+        ((0.0, 0.0, np.pi / 2), lambda t: t > 3.42),
+        ((5000.0, 0.0, 0.0), lambda t: (t > 3.42) & (t < 6.18)),
+        ((5000.0, 0.0, 1.0), lambda t: np.abs(t - 3.5) < 0.01),
+    ],
+    ids=["set anew", "turned", "away for a while", "one line"],
+)
+def test_wheels_that_jump_between_two_poses_carry_nothing_away(jump, is_jumping):
+    # the records of a log between scans lay up to kilometres off, on a good map
+    times_s, asked_s = np.arange(10.0), np.arange(0.0, 9.05, 0.1)
+    wheels = drive(asked_s)
+    wheels[is_jumping(asked_s)] = composed(np.array([jump]), wheels)[is_jumping(asked_s)]
+    lookup = PoseLookup(
+        Trajectory(times_s, drive(times_s)), Trajectory(asked_s, wheels), max_gap_s=2.0
+    )
+    off = lookup.at(asked_s) - drive(asked_s)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.3
+    assert np.abs(wrap_angle(off[:, 2])).max() < 0.3
+    # everywhere but there as the wheels say
+    assert np.median(np.hypot(off[:, 0], off[:, 1])) < 1e-9
