@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 from slam.beams import Beams
 from slam.kernels.beam_likelihood import (
     BEHIND,
@@ -33,6 +33,9 @@ _SHARP_M = 0.02
 _FITS_AT_ALL = 0.5
 _FEW_BEAMS = 30
 _NEAR_BLUR_M = 0.05
+_MISSING_AT_ALL, _PASSED_M, _RUN = 0.01, 0.1, 3
+"""Chosen: of beams behind their walls, below which no wall is missing; so far behind, and so many of
+them side by side, that it is neither noise nor light mixed at an edge."""
 _NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
 
@@ -104,6 +107,7 @@ class BeamMatch:
     sigmas; behind_ratio: share that ended behind the wall they should have met.
     scale: scatter of the residuals in units of the laser's noise. offset_m, offset_sigma_m: range
     offset common to all beams. noise_scale: times the laser's noise with which the pose was found.
+    missing_ratio: share that went through an exact map's walls side by side, not at edges.
     smooth: what the beams say that pass no edge; None where edges are not told apart.
     """
 
@@ -120,6 +124,7 @@ class BeamMatch:
     offset_sigma_m: float
     smooth: PoseInformation | None = None
     noise_scale: float = 1.0
+    missing_ratio: float = 0.0
 
     @property
     def covariance(self) -> FloatArray:
@@ -172,6 +177,7 @@ def match_beams(
         cost=match.cost,
         inlier_ratio=match.inlier_ratio,
         behind_ratio=match.behind_ratio,
+        missing_ratio=match.missing_ratio,
         scale=match.scale,
         noise_scale=match.scale,
     )
@@ -223,7 +229,11 @@ def _matched(
         free_offset(smooth_information, smooth_sums, config.offset_odds, smooth_pose)
         smooth = PoseInformation(SE2.from_array(smooth_pose), smooth_information)
     offset_m, offset_sigma_m = free_offset(information, sums, config.offset_odds, pose)
-    used = int(verdict[USED])
+    used, behind_ratio = int(verdict[USED]), float(verdict[BEHIND]) / max(int(verdict[USED]), 1)
+    missing_ratio = 0.0
+    if segment_map.is_exact and behind_ratio > _MISSING_AT_ALL:
+        is_passed = _is_passed(beams, segment_map, SE2.from_array(pose), predicted, hit_walls)
+        missing_ratio = _in_runs(is_passed) / max(used, 1)
     return BeamMatch(
         T_map_base=SE2(pose[0], pose[1], pose[2]),
         information=information,
@@ -232,12 +242,31 @@ def _matched(
         used=used,
         cost=float(verdict[COST]) / max(used, 1),
         inlier_ratio=float(verdict[INLIERS]) / max(used, 1),
-        behind_ratio=float(verdict[BEHIND]) / max(used, 1),
+        behind_ratio=behind_ratio,
+        missing_ratio=missing_ratio,
         scale=scale,
         offset_m=float(offset_m),
         offset_sigma_m=float(offset_sigma_m),
         smooth=smooth,
     )
+
+
+def _is_passed(
+    beams: Beams, segment_map: SegmentMap, T_map_base: SE2, ranges_m: FloatArray, walls: IntArray
+) -> NDArray[np.bool_]:
+    """(N,) which beams end well behind the walls that they should have met, at ranges_m (N,)."""
+    directions = SE2(0.0, 0.0, T_map_base.theta) @ beams.directions
+    cosines = np.abs(np.sum(segment_map.normals[walls] * directions, axis=1))
+    with np.errstate(invalid="ignore"):
+        beyond_m = (beams.ranges_m - ranges_m) * cosines
+    return np.asarray(beams.is_hit & (walls >= 0) & (beyond_m > _PASSED_M))
+
+
+def _in_runs(is_passed: NDArray[np.bool_]) -> int:
+    """How many are True with enough of their neighbours."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_passed.astype(np.int8), [0]])))
+    lengths = edges[1::2] - edges[::2]
+    return int(lengths[lengths >= _RUN].sum())
 
 
 def fisher_information(

@@ -28,12 +28,14 @@ class InnovationMonitor:
     scale_limits: tuple[float, float] = (0.75, 1.3)
     offset_limit_sigmas: float = 4.0
     strain_limit: float = 4.0
+    missing_limit: float = 0.005
     count: int = 0
     _nis: float = 0.0
     _scale: float = 0.0
     _offset_information: float = 0.0
     _offset_pull: float = 0.0
     _strain: float = 0.0
+    _missing: float = 0.0
 
     def take(
         self,
@@ -54,6 +56,7 @@ class InnovationMonitor:
             self._nis += share * (min(nis, _MOST_NIS) - self._nis)
         if fit is not None:
             self._scale += share * (fit.scale - self._scale)
+            self._missing += share * (fit.missing_ratio - self._missing)
             if math.isfinite(fit.offset_sigma_m) and fit.offset_sigma_m > 0.0:
                 information = fit.offset_sigma_m**-2
                 self._offset_information += information
@@ -86,6 +89,11 @@ class InnovationMonitor:
             said.append(
                 f"ranges are {1000.0 * self.offset_m:+.1f} mm off the map on average, the same for"
                 " all beams: correct the laser's offset, or the map's scale"
+            )
+        if self.count >= _LEAST and self._missing > self.missing_limit:
+            said.append(
+                f"{100.0 * self._missing:.1f} % of the beams go through walls of the map: something"
+                " was moved or taken away since it was made, and the pose is less sure than it says"
             )
         if self.count >= _LEAST and self._nis > self.nis_limit:
             said.append(

@@ -278,7 +278,9 @@ class LimitMatcher:
             IcpStep(near.T_map_base, near.cost, near.point_count),
             IcpStep(best.T_map_base, best.cost, best.used),
         )
-        fit = RangeFit(best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m)
+        fit = RangeFit(
+            best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m, best.missing_ratio
+        )
         information = best.information
         if not self.segment_map.is_exact:
             information = self.fast.sure_of(beams, information)

@@ -38,13 +38,15 @@ class RangeFit:
     """How the ranges of a scan fit the map and the laser's model at the pose found.
 
     inlier_ratio: share of the beams within four sigmas. scale: scatter of the residuals in units of
-    the noise assumed. offset_m, offset_sigma_m: range offset common to all beams.
+    the noise assumed. offset_m, offset_sigma_m: range offset common to all beams. missing_ratio:
+    share of the beams that went through walls of an exact map.
     """
 
     inlier_ratio: float
     scale: float
     offset_m: float
     offset_sigma_m: float
+    missing_ratio: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

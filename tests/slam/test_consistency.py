@@ -11,8 +11,13 @@ from slam.scan_match import RangeFit
 OFFSET_SIGMA_M = 0.0005
 
 
-def fit(scale: float = 1.0, offset_m: float = 0.0, sigma_m: float = OFFSET_SIGMA_M) -> RangeFit:
-    return RangeFit(inlier_ratio=0.98, scale=scale, offset_m=offset_m, offset_sigma_m=sigma_m)
+def fit(
+    scale: float = 1.0,
+    offset_m: float = 0.0,
+    sigma_m: float = OFFSET_SIGMA_M,
+    missing_ratio: float = 0.0,
+) -> RangeFit:
+    return RangeFit(0.98, scale, offset_m, sigma_m, missing_ratio)
 
 
 def warned(nis: float | None, range_fit: RangeFit | None, count: int = 60) -> tuple[str, ...]:
@@ -95,3 +100,10 @@ def test_all_that_is_wrong_is_said_at_once():
 
 def test_scans_that_matched_nothing_raise_no_word():
     assert warned(None, None, 100) == ()
+
+
+def test_walls_that_beams_go_through_are_warned_of_once_they_last():
+    (said,) = warned(3.0, fit(missing_ratio=0.01))
+    assert said.startswith("1.0 % of the beams go through walls of the map")
+    assert warned(3.0, fit(missing_ratio=0.01), count=10) == ()
+    assert warned(3.0, fit(missing_ratio=0.002)) == ()

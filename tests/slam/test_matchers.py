@@ -264,6 +264,16 @@ def test_chair_taken_away_from_beside_the_robot_is_no_other_building(room_with_a
     assert off(match.T_map_base, ROOM_CENTRE)[0] < 0.005
 
 
+def test_robot_that_drives_past_a_moved_chair_is_told(room_with_a_chair, room):
+    # fused over many scans its covariance is too small then
+    for of_room, is_told in ((room_with_a_chair, True), (room, False)):
+        robot = localizer("limit", of_room["limit"], ROOM_CENTRE, LASER)
+        estimates, _ = drive(robot, ROOM_CENTRE, 40)
+        said = [any("go through walls" in one for one in e.warnings) for e in estimates]
+        assert said[-1] is is_told
+        assert not any(said[:25])
+
+
 def test_more_walls_may_be_missing_where_all_else_fits():
     verdict = VerdictConfig()
     assert not verdict.are_walls_missing(0.5, 0.1)
