@@ -120,8 +120,9 @@ class Relocalizer:
         starts = [candidate.T_map_base for candidate in candidates]
         found = [self._refined(beams, few, start, self.config.first) for start in starts]
         # legs near by may lead astray those few points
-        least = self.config.sure_score * max((one.score for one in candidates), default=0.0)
-        found += [self.refined(beams, one.T_map_base) for one in candidates if one.score >= least]
+        first = candidates[: self.config.max_refined]
+        least = self.config.sure_score * max((one.score for one in first), default=0.0)
+        found += [self.refined(beams, one.T_map_base) for one in first if one.score >= least]
         if not self.segment_map.is_exact:
             # where the map is poor, refining may lead away from a pose that was right
             found += [self.at(beams, start) for start in starts]
