@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.se2 import SE2
@@ -125,11 +126,14 @@ class Hypotheses:
         beams: Beams,
         suggested: tuple[Hypothesis, ...] | None = None,
         T_believed: SE2 | None = None,
+        *,
+        is_motion_known: bool = True,
     ) -> tuple[Hypothesis, ...]:
         """The places once more, with one scan more; those that the scan alone suggests among them.
 
         suggested: those, where they are known already. T_believed: a place that is asked in any case,
-        though the search, which returns a few, may not have it among them.
+        though the search, which returns a few, may not have it among them. is_motion_known: False:
+        the robot moved as the best place did, since no wheels tell.
         """
         is_new_view = self._see(beams)
         before = self.places[:1]
@@ -149,9 +153,23 @@ class Hypotheses:
             before[0].T_map_base, *drift
         ):
             self.streak, self._went_m, self._turned_rad = 1, 0.0, 0.0
-        elif is_new_view:
-            self.streak += 1
+        else:
+            self.streak += is_new_view
+            if not is_motion_known:
+                self._follow(before[0].T_map_base.inverse() @ self.places[0].T_map_base)
         return self.places
+
+    def are_told(self, noise: FloatArray) -> bool:
+        """Whether wheels with a noise (3, 3) tell of a motion, or there are none."""
+        config = self.config
+        sigma_m, sigma_rad = math.sqrt(max(noise[0, 0], noise[1, 1])), math.sqrt(noise[2, 2])
+        return sigma_m < config.drift_m and sigma_rad < config.drift_rad
+
+    def _follow(self, motion: SE2) -> None:
+        """The same views from where the robot is after a motion that `move` was not told of."""
+        places, self.places = self.places, ()
+        self.move(motion)
+        self.places = places
 
     @property
     def margin(self) -> float:

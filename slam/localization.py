@@ -207,7 +207,11 @@ class Localizer:
         beams, T_predicted = self._beams_of(scan), self.T_map_base
         look = Look(measurement.time_s, beams, self.matcher)
         if guard is not None:
-            judged = guard.search(look, moved) if guard.is_lost else guard.carried_off(look, step)
+            judged = (
+                guard.search(look, moved, step.noise)
+                if guard.is_lost
+                else guard.carried_off(look, step)
+            )
             if judged is not None:
                 self._straightener.late = np.zeros((3, 3))  # that of the pose before is over
                 return judged, ()

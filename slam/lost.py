@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.hypotheses import Hypotheses, HypothesesConfig
 from slam.laser_faults import CompanionMonitor, LaserFaultConfig, blocked, is_covered, says_nothing
@@ -93,14 +94,15 @@ class Guard:
         self._slip.clear()
         self.follow(moved)
 
-    def search(self, look: Look, moved: SE2) -> Judgement:
+    def search(self, look: Look, moved: SE2, noise: FloatArray) -> Judgement:
         """While lost: the places once more, by this scan too; tracking as soon as one is sure."""
         self._search.hypotheses.move(moved)
         self._search.begin(look.time_s)
         nothing = self._says_nothing(look.beams)
         if nothing:
             return Judgement(Verdict(Status.UNSURE, (nothing,), self.hypotheses), None)
-        judged = self._search.look(look)
+        is_told = self._search.hypotheses.are_told(noise)
+        judged = self._search.look(look, is_motion_known=is_told)
         if judged.verdict.status is Status.TRACKING:
             assert judged.match is not None
             # what told this place from the others goes on telling

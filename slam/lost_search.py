@@ -48,10 +48,10 @@ class LostSearch:
             self.since_s = time_s
         return self.since_s
 
-    def look(self, look: Look) -> Judgement:
+    def look(self, look: Look, *, is_motion_known: bool = True) -> Judgement:
         """The places once more, by this scan too; tracking as soon as one is sure."""
         since_s, limits = self.begin(look.time_s), self._usual.limits(look.beams)
-        places = self.hypotheses.look(look.beams)
+        places = self.hypotheses.look(look.beams, is_motion_known=is_motion_known)
         if not places:
             return Judgement(Verdict(Status.LOST, ("no place on the map fits the scan",)), None)
         best = places[0]

@@ -144,7 +144,7 @@ class SessionJoiner:
         self._T_last = T_now
         beams = keyframe.beams.cut(self._known.laser.range_max_m)
         look = Look(keyframe.time_s, beams, self._known.matcher("fast"))
-        judged = self._guard.search(look, moved)
+        judged = self._guard.search(look, moved, np.zeros((3, 3)))
         if judged.verdict.status is not Status.TRACKING or judged.match is None:
             return None
         return judged.match.T_map_base @ pose.inverse()
