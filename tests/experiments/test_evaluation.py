@@ -2,6 +2,10 @@
 
 import json
 import math
+import os
+import subprocess
+import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +22,7 @@ from tests.experiments.refusals import refusal
 DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "fr101-excerpt.clf.gz"
 REFERENCE = DATA / "fr101-excerpt.reference.tum"
+PROGRAMS = Path(sys.executable).parent
 
 
 def evaluation(tmp_path: Path, *arguments: object) -> dict[str, Any]:
@@ -162,3 +167,36 @@ def test_trajectory_of_another_time_or_without_a_pose_is_refused(tmp_path, strai
     (tmp_path / "empty.tum").write_text("# time_s x y z qx qy qz qw\n")
     line = refusal(capsys, "evaluate", tmp_path / "empty.tum", straight)
     assert line == "empty.tum: no pose in it, lines of time_s x y z qx qy qz qw"
+
+
+def statistics_by(program: str, folder: Path, *arguments: str) -> dict[str, float]:
+    """What a program of evo says of estimate.tum."""
+    files = ["tum", str(folder / "true.tum"), str(folder / "estimate.tum")]
+    result = folder / f"{program}.zip"
+    command = [str(PROGRAMS / program), *files, *arguments, "--save_results", str(result)]
+    subprocess.run(command, check=True, capture_output=True, env=os.environ | {"HOME": str(folder)})
+    with zipfile.ZipFile(result) as archive:
+        return json.loads(archive.read("stats.json"))
+
+
+@pytest.mark.skipif(not (PROGRAMS / "evo_ape").exists(), reason="evo is not installed")
+def test_evo_says_the_same(tmp_path):
+    rng = np.random.default_rng(0)
+    steps = np.column_stack([np.full(300, 0.3), np.zeros(300), rng.normal(0.0, 0.2, 300)])
+    poses = [np.zeros(3)]
+    for step in steps:
+        poses.append(composed(poses[-1][np.newaxis], step[np.newaxis])[0])
+    true = Trajectory(np.arange(301.0), np.array(poses))
+    write_tum(tmp_path / "true.tum", true)
+    wrong = np.array(poses) + rng.normal(0.0, [0.05, 0.05, 0.02], (301, 3)) + [3.0, -2.0, 0.0]
+    ours = evaluation(
+        tmp_path, estimate(tmp_path, tmp_path / "true.tum", wrong), tmp_path / "true.tum"
+    )
+    ape = statistics_by("evo_ape", tmp_path, "--align")
+    rpe = statistics_by("evo_rpe", tmp_path, "--delta", "1", "--delta_unit", "f", "--all_pairs")
+    for found, theirs in (
+        (ours["ate"]["translation_m"], ape),
+        (ours["rpe"]["next pose"]["translation_m"], rpe),
+    ):
+        for key in ("rmse", "mean", "median", "max"):
+            assert found[key] == pytest.approx(theirs[key], rel=1e-6)
