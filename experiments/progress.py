@@ -63,6 +63,13 @@ class TrialProgress(_Bar):
         if self._is_hidden and self._done % max(1, self._trials // 10) == 0:
             print(f"{self._name} {self._done} of {self._trials}: {self._text()}", file=sys.stderr)
 
+    def compiling(self) -> None:
+        """Says why nothing happens yet."""
+        said = "the first run on a machine compiles its kernels, some 20 s"
+        self._show(self._done, said)
+        if self._is_hidden:
+            print(f"{self._name}: {said}", file=sys.stderr)
+
     def _text(self) -> str:
         won = ", ".join(f"{name} {count}" for name, count in self._successes.items())
         return f"succeeded: {won}" + (f"; raised: {self._raised}" if self._raised else "")

@@ -21,6 +21,7 @@ from experiments.map_statistics import mapping_summary
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
 from experiments.recovery import recovery_figures
+from experiments.rehearsal import rehearse, told_if_long
 from experiments.statistics import samples_of, summarised, verdict_counts
 from experiments.trial_log import TrialLog, locked, write_atomically
 from experiments.trials import TrialConfig, config_hash, generator
@@ -41,16 +42,22 @@ class Run:
     trials: int
     folder: Path
 
-    def execute(self, jobs: int, on_trial: Callable[[int, dict[str, Any]], None]) -> dict[str, Any]:
+    def execute(
+        self,
+        jobs: int,
+        on_trial: Callable[[int, dict[str, Any]], None],
+        on_compiling: Callable[[], None] | None = None,
+    ) -> dict[str, Any]:
         """Does the trials that the folder does not hold yet; the content of `summary.json`.
 
-        on_trial: told of each trial's index and record, first of those done before.
+        on_trial: told of each trial's index and record, first of those done before. on_compiling:
+        told if the first has to wait for compiled code, by another thread.
         Raises ValueError for a configuration that cannot be run, or a folder that holds another or
         in which another run is at work.
         """
         self.check()
         with locked(self.folder):
-            return self._execute_alone(jobs, on_trial)
+            return self._execute_alone(jobs, on_trial, on_compiling)
 
     def check(self) -> None:
         """Raises ValueError as `execute` does, before anything is run."""
@@ -60,7 +67,10 @@ class Run:
                 self._log()
 
     def _execute_alone(
-        self, jobs: int, on_trial: Callable[[int, dict[str, Any]], None]
+        self,
+        jobs: int,
+        on_trial: Callable[[int, dict[str, Any]], None],
+        on_compiling: Callable[[], None] | None,
     ) -> dict[str, Any]:
         started_s = time.monotonic()
         log = self._log()
@@ -69,6 +79,10 @@ class Run:
             if index < self.trials:
                 on_trial(index, log.records[index])
         missing = [index for index in range(self.trials) if index not in log.records]
+        if missing:
+            # here first, also where others do the trials: they load what was compiled
+            with told_if_long(on_compiling):
+                rehearse(self.experiment, self.config)
         for index, record, timing in self._finished(missing, jobs):
             log.append(index, record, timing)
             on_trial(index, record)
@@ -85,6 +99,7 @@ class Run:
             min(jobs, len(missing)),
             mp_context=multiprocessing.get_context("spawn"),
             initializer=_prepare_worker,
+            initargs=(self.experiment, self.config),
         )
         queue = iter(missing)
         pending: set[Future[Finished]] = set()
@@ -213,10 +228,11 @@ def _interrupts_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-def _prepare_worker() -> None:
-    """Leaves Ctrl-C to the parent, and does not outlive it, however it dies."""
+def _prepare_worker(experiment: str, config: TrialConfig) -> None:
+    """Leaves Ctrl-C to the parent, and does not outlive it, however it dies; then rehearses."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
+    rehearse(experiment, config)
 
 
 def _exit_with_parent() -> None:

@@ -181,7 +181,7 @@ def _executed(run: "Run", jobs: int | None) -> dict:
             progress.update(index, record)
             records[index] = record
 
-        summary = run.execute(jobs or os.cpu_count() or 1, on_trial)
+        summary = run.execute(jobs or os.cpu_count() or 1, on_trial, progress.compiling)
     console.print(summary_table(summary, run.config.poses))
     with console.status("drawing figures"):
         _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
