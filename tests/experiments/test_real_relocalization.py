@@ -9,9 +9,9 @@ import pytest
 
 from experiments.cli import main
 from experiments.real_logs import RealLogConfig
-from experiments.real_relocalization import Asked, Relocalized, table, teleported
+from experiments.real_relocalization import Asked, Relocalized, run, table, teleported
 from slam.known_map import KnownMap
-from slam.localization import Estimate
+from slam.localization import Estimate, Localizer
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
@@ -52,6 +52,22 @@ def test_summary_has_its_keys_and_a_line_for_each_scan(protocol, jumps, keys, tm
     printed = capsys.readouterr()
     assert "10 scans" in printed.out
     assert ("2 jumps: " in printed.out) == (protocol == "jumps")
+
+
+def test_first_query_is_not_timed_with_what_it_compiles(monkeypatch):
+    done, update = [], Localizer.update
+    monkeypatch.setattr(
+        Localizer, "update", lambda self, one: done.append("asked") or update(self, one)
+    )
+
+    def asked(known, localizer, measurement, T_reference):
+        done.append("timed")
+        raise InterruptedError
+
+    monkeypatch.setattr("experiments.real_relocalization._asked", asked)
+    with pytest.raises(InterruptedError):
+        run(LOG, REFERENCE, "each", RealLogConfig(method="fast"))
+    assert done == ["asked", "asked", "timed"]
 
 
 def test_too_many_jumps_are_refused_in_one_line(tmp_path, capsys):
