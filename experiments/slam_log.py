@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import json
 import math
 import time
 from collections import Counter
@@ -19,21 +18,18 @@ import numpy as np
 from experiments.evaluation import Evaluation, evaluated, span
 from experiments.memory import resident_mb
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, wheels_summary
-from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
 from slam.front_end import FrontEndConfig, StepStatus
-from slam.map_files import write_map
 from slam.mapping import Mapper, MapperConfig, MapperStep
 from slam.metrics import read_relations
-from slam.pose_graph import write_g2o
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map, write_slam_map
-from slam.trajectory import Trajectory, read_tum, tum_lines, write_tum
+from slam.slam_map_files import read_slam_map
+from slam.trajectory import Trajectory, read_tum
 from slam.warm_up import warm_up
 
 OnScan = Callable[[int, int, MapperStep], None]
@@ -133,6 +129,8 @@ def run(
     against = None if reference is None else read_tum(reference)
     related = None if relations is None else read_relations(relations)
     known = None if map_path is None else read_slam_map(map_path)
+    if known is not None and start is not None:
+        _check_start(known, start)
     mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
     log = read_log(log_path)
     if against is not None:
@@ -147,6 +145,27 @@ def run(
     name = None if relations is None else relations.name
     evaluation = evaluated(result.trajectory, against, related, relations_of=name)
     return replace(result, evaluation=evaluation)
+
+
+def _check_start(known: SlamMap, start: SE2) -> None:
+    """Raises ValueError for a start farther from a map than its own scans reached: nothing that is
+    seen there can be on it."""
+    reach_m = max(
+        (np.hypot(*one.points.T).max(initial=0.0) for one in known.keyframes), default=0.0
+    )
+    at_m = np.array([start.x, start.y])
+    off_m = min(
+        (
+            np.hypot(*(SE2.from_array(pose) @ one.points - at_m).T).min(initial=math.inf)
+            for one, pose in zip(known.keyframes, known.poses, strict=True)
+        ),
+        default=0.0,
+    )
+    if reach_m < off_m < math.inf:
+        raise ValueError(
+            f"--start {start.x:g} {start.y:g} lies {off_m:.0f} m off the map, whose scans reach"
+            f" {reach_m:.0f} m: give a pose on it, or none to have it searched for"
+        )
 
 
 def _check_same_time(log: Log, times_s: FloatArray, path: Path | None) -> None:
@@ -278,32 +297,6 @@ def _of_records(
     poses = lookup.at(rows)
     is_placed = np.isfinite(poses).all(axis=1)
     return Trajectory(times_s[is_placed], poses[is_placed])
-
-
-def write_results(result: SlamLog, folder: Path) -> None:
-    """Writes summary.json, trajectory.tum, pose_graph.g2o, map.kitasap, map.yaml, map.pgm.
-
-    Of a map of several sessions sessions.tum too: the scans of all, each session below its number.
-    Raises OSError if it cannot; ValueError, with nothing written, for a map without any scan.
-    """
-    grid = result.slam_map.grid()
-    folder.mkdir(parents=True, exist_ok=True)
-    write_tum(folder / "trajectory.tum", result.trajectory)
-    if result.slam_map.session_count > 1:
-        write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
-    write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
-    write_slam_map(folder / "map.kitasap", result.slam_map)
-    write_map(folder / "map.yaml", grid)
-    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
-
-
-def _sessions_tum(slam_map: SlamMap) -> str:
-    lines = ["# time_s x y z qx qy qz qw"]
-    for number in range(slam_map.session_count):
-        said = ", never joined with those before" if number in slam_map.unjoined else ""
-        lines.append(f"# session {number + 1}{said}")
-        lines += tum_lines(slam_map.trajectory_of(number))
-    return "\n".join(lines) + "\n"
 
 
 def _mb(memory_mb: float | None) -> str:

@@ -17,6 +17,10 @@ _MOST_CELLS = 2**27
 """Chosen: 580 m x 580 m at 5 cm, which needs 2 GB while it is counted."""
 
 
+class TooManyCellsError(ValueError):
+    """What scans saw reaches so far that no grid holds it."""
+
+
 @dataclass(frozen=True, eq=False)
 class RayCounts:
     """Hits and misses of the cells that the beams of scans reached.
@@ -39,8 +43,8 @@ class RayCounts:
 
         Ranges of nan, -inf and 0 tell nothing. free_range_m: how far a beam without return (inf)
         has seen nothing; 0: such tell nothing either.
-        Raises ValueError if no beam tells anything, a pose is not finite, or the beams reach so far
-        that the grid would have more than 2**27 cells.
+        Raises ValueError if no beam tells anything or a pose is not finite, TooManyCellsError if the
+        beams reach so far that the grid would have more than 2**27 cells.
         """
         rays = _Rays.of(scans, free_range_m)
         if len(rays.starts_m) == 0:
@@ -54,7 +58,7 @@ class RayCounts:
         upper = np.floor(np.maximum(starts.max(axis=0), ends.max(axis=0)))
         if not np.prod(upper - lower + 1.0) <= _MOST_CELLS:
             width_m, height_m = (upper - lower + 1.0) * cell_m
-            raise ValueError(
+            raise TooManyCellsError(
                 f"the beams span {width_m:.6g} x {height_m:.6g} m, too many cells of"
                 f" {cell_m} m; cut the far ranges"
             )

@@ -132,7 +132,7 @@ def slam(
     ] = None,
 ) -> None:
     """Maps a recorded log: trajectory of every record, ROS map, pose graph, picture, verdict."""
-    from experiments import evaluation, slam_log
+    from experiments import evaluation, slam_files, slam_log
     from experiments.figures import slam_map_picture
     from experiments.progress import SlamProgress
 
@@ -147,14 +147,16 @@ def slam(
     _check_writable(out)
     with SlamProgress(log.name) as progress:
         result = slam_log.run(log, reference, relations, progress.update, known_map, T_start)
-    slam_log.write_results(result, out)
+    unwritten = slam_files.write_results(result, out)
     slam_map_picture(out, result)
     summary = result.summary()
     print(slam_log.table(summary))
     if result.evaluation is not None:
         print(evaluation.table(result.evaluation.summary(), log.name))
+    if unwritten:
+        print(unwritten)
     print(f"results and figures: {out}")
-    raise typer.Exit(0 if result.slam_map.verdict.is_good else 1)
+    raise typer.Exit(0 if result.slam_map.verdict.is_good and not unwritten else 1)
 
 
 def _check_writable(folder: Path) -> None:

@@ -8,6 +8,7 @@ from matplotlib.collections import LineCollection
 
 from experiments.figures.canvas import saved
 from experiments.figures.grid import draw_grid
+from experiments.slam_files import grid_or_reason
 from experiments.slam_log import SlamLog
 from slam.occupancy_grid import UNKNOWN
 from slam.se2 import SE2
@@ -19,15 +20,20 @@ _WIDTH_IN = 9.0
 def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     """The occupancy grid, the way coloured by time, loops that were kept and rejected.
 
-    Writes `slam.png` and `.svg` into the folder.
+    Writes `slam.png` and `.svg` into the folder. Of a map that no grid holds: its points.
     """
-    slam_map = result.slam_map
-    grid = slam_map.grid()
-    known = grid.centres_of(np.argwhere(grid.cells != UNKNOWN))
+    slam_map, (grid, _) = result.slam_map, grid_or_reason(result.slam_map)
+    if grid is None:
+        known = np.concatenate([slam_map.points, result.trajectory.poses[:, :2]])
+    else:
+        known = grid.centres_of(np.argwhere(grid.cells != UNKNOWN))
     low, high = known.min(axis=0) - _MARGIN_M, known.max(axis=0) + _MARGIN_M
     ratio = min(max((high - low)[1] / (high - low)[0], 0.4), 1.3)
     figure, axes = plt.subplots(figsize=(_WIDTH_IN, _WIDTH_IN * ratio + 1.2), layout="constrained")
-    draw_grid(axes, grid)
+    if grid is None:
+        axes.plot(*slam_map.points.T, ".", color="#333333", ms=2.0, mew=0.0, rasterized=True)
+    else:
+        draw_grid(axes, grid)
     _draw_loops(axes, result)
     trajectory = result.trajectory
     for number in range(slam_map.session_count - 1):

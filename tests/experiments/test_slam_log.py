@@ -156,6 +156,32 @@ def test_map_to_continue_is_refused_in_one_line(folder, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_start_that_lies_farther_off_the_map_than_it_reaches_is_refused_before_the_log_is_mapped(
+    folder, tmp_path, capsys, monkeypatch
+):
+    # mapped to its end, such a log once left nothing: no grid holds two maps a kilometre apart
+    monkeypatch.setattr("experiments.slam_log._best_mapped", lambda *_: pytest.fail("mapped first"))
+    arguments = ["slam", LOG, "--map", folder / "map.kitasap", "--out", tmp_path / "out"]
+    line = refusal(capsys, *arguments, "--start", "1000", "1000", "0")
+    assert line.startswith("--start 1000 1000 lies 13")
+    assert "off the map, whose scans reach" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_map_that_no_grid_holds_is_written_but_for_its_grid(folder, tmp_path, capsys, monkeypatch):
+    # as many cells as a room has
+    monkeypatch.setattr("slam.ray_counts._MOST_CELLS", 10_000)
+    for name in ("map.yaml", "map.pgm"):
+        (tmp_path / name).write_text("of another map")
+    assert main(["slam", str(LOG), "--out", str(tmp_path)]) == 1
+    *_, said, _ = capsys.readouterr().out.splitlines()
+    assert said.startswith("map.yaml and map.pgm could not be written: the beams span ")
+    names = {path.name for path in folder.iterdir()} - {"map.yaml", "map.pgm"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert (tmp_path / "slam.png").stat().st_size > 20_000
+    assert (tmp_path / "map.kitasap").read_bytes() == (folder / "map.kitasap").read_bytes()
+
+
 def test_map_that_is_cut_is_refused_in_one_line(folder, tmp_path, capsys):
     path = tmp_path / "map.kitasap"
     path.write_bytes((folder / "map.kitasap").read_bytes()[:1000])

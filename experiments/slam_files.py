@@ -1,0 +1,59 @@
+"""The files that mapping a log leaves."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from experiments.slam_log import SlamLog
+from experiments.trial_log import write_atomically
+from slam.map_files import write_map
+from slam.occupancy_grid import OccupancyGrid
+from slam.pose_graph import write_g2o
+from slam.ray_counts import TooManyCellsError
+from slam.slam_map import SlamMap
+from slam.slam_map_files import write_slam_map
+from slam.trajectory import tum_lines, write_tum
+
+
+def write_results(result: SlamLog, folder: Path) -> str:
+    """Writes summary.json, trajectory.tum, pose_graph.g2o, map.kitasap, map.yaml, map.pgm.
+
+    Of a map of several sessions sessions.tum too: the scans of all, each session below its number.
+    Returns in words what could not be written, "" otherwise: the grid of what spans too many cells.
+    Raises OSError if it cannot; ValueError, with nothing written, for a map without any scan.
+    """
+    grid, said = grid_or_reason(result.slam_map)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_tum(folder / "trajectory.tum", result.trajectory)
+    if result.slam_map.session_count > 1:
+        write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
+    write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
+    write_slam_map(folder / "map.kitasap", result.slam_map)
+    if grid is not None:
+        write_map(folder / "map.yaml", grid)
+    else:  # that of another map is not left beside this one
+        for name in ("map.yaml", "map.pgm"):
+            (folder / name).unlink(missing_ok=True)
+    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
+    return said
+
+
+def grid_or_reason(slam_map: SlamMap) -> tuple[OccupancyGrid | None, str]:
+    """The occupancy grid; or None, and why map.yaml and map.pgm cannot be written.
+
+    Raises ValueError for a map without any scan.
+    """
+    try:
+        return slam_map.grid(), ""
+    except TooManyCellsError as error:
+        return None, f"map.yaml and map.pgm could not be written: {error}"
+
+
+def _sessions_tum(slam_map: SlamMap) -> str:
+    lines = ["# time_s x y z qx qy qz qw"]
+    for number in range(slam_map.session_count):
+        said = ", never joined with those before" if number in slam_map.unjoined else ""
+        lines.append(f"# session {number + 1}{said}")
+        lines += tum_lines(slam_map.trajectory_of(number))
+    return "\n".join(lines) + "\n"
