@@ -31,6 +31,8 @@ Poses = Literal["paper", "random", "anywhere"]
 MapOrigin = Literal["true", "made"]
 MAX_TURN_RATE_RADPS = 1.5
 """Chosen: faster, the tires slip."""
+MAX_DURATION_S = 86_400.0
+"""Chosen: a day; a drive without an end is no trial."""
 _DISOWNED = (MatchStatus.LOST, MatchStatus.NOT_CONVERGED, MatchStatus.DEGENERATE)
 """What a method says of a pose that it does not stand for."""
 _EXPERIMENT_KEYS = {"localization": 1, "kidnap": 2, "mapping": 3, "tracking": 4}
@@ -89,10 +91,11 @@ class TrialConfig:
         checked_mismatch(self.mismatch)
         if self.people < 0:
             raise ValueError(f"people are 0 or more, not {self.people}")
-        if not (0.0 < self.turn_rate_radps <= MAX_TURN_RATE_RADPS and self.duration_s >= 1.0):
+        is_turning = 0.0 < self.turn_rate_radps <= MAX_TURN_RATE_RADPS
+        if not (is_turning and 1.0 <= self.duration_s <= MAX_DURATION_S):
             raise ValueError(
-                f"a track needs turns above 0 and up to {MAX_TURN_RATE_RADPS} rad/s and a second or"
-                f" more, not {self.turn_rate_radps} rad/s and {self.duration_s} s"
+                f"a track needs turns above 0 and up to {MAX_TURN_RATE_RADPS} rad/s, and a second up"
+                f" to a day, not {self.turn_rate_radps} rad/s and {self.duration_s} s"
             )
         self.simulation(np.random.default_rng(0))
         load_open3d()

@@ -9,6 +9,7 @@ from experiments.sources import DRIVE, FLOOR_NOISE
 from experiments.tracking import NAME, checked, run_trial
 from experiments.trials import TrialConfig, generator
 from kitasap_sim.robot import ODOMETRY_PRESETS
+from tests.experiments.refusals import refusal
 
 METHODS = ("odometry", "fast", "limit")
 
@@ -124,6 +125,17 @@ def test_circle_that_fits_nowhere_is_refused_before_the_first_trial(config):
 def test_drive_that_cannot_be_is_refused(config, wrong):
     with pytest.raises(ValueError, match="a track needs"):
         checked(replace(config, **wrong))
+
+
+@pytest.mark.parametrize("duration", ["inf", "nan", "0", "-1", "1e300"])
+@pytest.mark.parametrize("command", ["run", "trial"])
+def test_drive_that_would_not_end_or_begin_is_refused_in_one_line(
+    command, duration, box_room, tmp_path, capsys
+):
+    options = ["--place", box_room, "--method", "odometry", "--out", tmp_path / "out"]
+    line = refusal(capsys, command, "tracking", "--duration", duration, *options)
+    assert line.startswith("a track needs turns above 0 and up to 1.5 rad/s, and a second up to a")
+    assert not (tmp_path / "out").exists()
 
 
 def test_each_floor_has_wheels_assumed_for_it_and_rough_ones_err_more():
