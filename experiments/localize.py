@@ -180,9 +180,19 @@ def write_results(result: LocalizedLog, folder: Path) -> None:
 
 def table(summary: dict[str, Any]) -> str:
     """The summary for people to read."""
-    took = summary["recoveries_s"]
-    found = f"found {len(took)} times, after {max(took):.1f} s at most" if took else "never found"
     return (
         f"{summary['log']} on {summary['map']}: {summary['scans']} scans: {summary['tracking']}"
-        f" tracking, {summary['unsure']} unsure, {summary['lost']} lost; {found}"
+        f" tracking, {summary['unsure']} unsure, {summary['lost']} lost; {_found(summary)}"
     )
+
+
+def _found(summary: dict[str, Any]) -> str:
+    """How often the robot was found, and how long that took; from a given start it need not be."""
+    took = summary["recoveries_s"]
+    if took:
+        times = "once" if len(took) == 1 else f"{len(took)} times"
+        after = f"{times}, after {max(took):.1f} s" + (" at most" if len(took) > 1 else "")
+        return f"found {after}" if summary["start"] is None else f"lost and found again {after}"
+    if summary["start"] is None:
+        return "never found"
+    return "not found again" if summary["lost"] else "never lost since the start that was given"
