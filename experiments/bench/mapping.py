@@ -54,6 +54,7 @@ def print_benchmark(log_path: Path, out: Path | None) -> MappingCost:
         cost = measured(read_log(log_path))
     Console().print(_table(cost))
     if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(json.dumps(asdict(cost), indent=2) + "\n")
     return cost
 

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from experiments.commands.options import RESULTS, Laser, Log, People, PlaceName, Seed, Trials
+from experiments.outputs import checked_file, checked_folder
 
 app = typer.Typer()
 
@@ -36,6 +37,8 @@ def registration(
     """Processor time and error of one scan registered on a known map, beside other libraries."""
     from experiments.bench.registration_run import print_benchmark
 
+    if out is not None:
+        checked_file(out)
     print_benchmark(place, laser, trials, seed, out)
 
 
@@ -51,7 +54,7 @@ def mismatch(
     """What is left of accuracy and honesty where sensor or map are not as assumed."""
     from experiments.bench.mismatch import print_benchmark
 
-    print_benchmark(place, laser, trials, drives, seed, out)
+    print_benchmark(place, laser, trials, drives, seed, checked_folder(out))
 
 
 @app.command()
@@ -72,4 +75,6 @@ def mapping(
     """Processor time and memory of mapping a recorded log: front end, loops, finishing."""
     from experiments.bench.mapping import print_benchmark
 
+    if out is not None:
+        checked_file(out)
     print_benchmark(log, out)

@@ -1,13 +1,13 @@
 """The commands on recorded logs: `kitasap slam`, `kitasap localize` and `kitasap real-log`."""
 
 import math
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from experiments.commands.options import RESULTS, Log, LogMethod, LogOut, Seed
+from experiments.outputs import checked_folder
 from experiments.protocols import DEFAULT_METHOD
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def real_log(
     seed: Seed = 0,
 ) -> None:
     """Maps a recorded log from reference poses of some of its scans, localises the others."""
+    checked_folder(out)
     if protocol == "tracked":
         is_done = _tracked(log, reference, out, method)
     else:
@@ -91,8 +92,7 @@ def localize(
     from experiments.progress import ScanProgress
 
     T_start = _pose(start)
-    if out.exists() and not out.is_dir():  # refused now rather than after the log
-        raise ValueError(f"--out takes a folder, and {out} is a file")
+    checked_folder(out)
     with ScanProgress(log.name) as progress:
         result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update)
     localizing.write_results(result, out)
@@ -141,10 +141,7 @@ def slam(
     T_start = _pose(start)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
-    # refused now rather than after the log
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out takes a folder, and {out} is a file")
-    _check_writable(out)
+    checked_folder(out)
     with SlamProgress(log.name) as progress:
         result = slam_log.run(log, reference, relations, progress.update, known_map, T_start)
     unwritten = slam_files.write_results(result, out)
@@ -157,10 +154,3 @@ def slam(
         print(unwritten)
     print(f"results and figures: {out}")
     raise typer.Exit(0 if result.slam_map.verdict.is_good and not unwritten else 1)
-
-
-def _check_writable(folder: Path) -> None:
-    """Raises OSError where nothing can be written into a folder, or it cannot be made."""
-    there = next(path for path in (folder, *folder.resolve().parents) if path.is_dir())
-    with tempfile.TemporaryFile(dir=there):
-        pass

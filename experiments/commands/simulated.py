@@ -27,6 +27,7 @@ from experiments.commands.options import (
     Trials,
     TurnRate,
 )
+from experiments.outputs import checked_file, checked_folder
 
 if TYPE_CHECKING:
     from experiments.runs import Run
@@ -59,6 +60,7 @@ def run(
     runs = [Run(name, _config(name, *typed), seed, trials, out / name) for name in experiments]
     for each in runs:
         each.check()
+        checked_folder(each.folder)
     has_raised = False
     for each in runs:
         summary = _executed(each, jobs)
@@ -89,10 +91,10 @@ def trial(
 
     typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
     config = experiment_module(experiment).checked(_config(experiment, *typed))
+    folder = checked_folder(out / experiment)
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
     result = trial_result(experiment, config, seed, index)
     print(json.dumps(key | {"index": index} | result.record()))
-    folder = out / experiment
     folder.mkdir(parents=True, exist_ok=True)
     print(f"picture: {trial_picture(folder, config, result, index)}", file=sys.stderr)
 
@@ -109,6 +111,7 @@ def picture(
     from kitasap_sim.rendering import render
     from kitasap_sim.simulation import Simulation
 
+    checked_file(out)
     simulation = Simulation(place, laser, rng=np.random.default_rng(0))
     pixels = render(simulation, beams_m=simulation.next_frame().ranges_m)
     print(image_file(out, pixels))

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from experiments.outputs import checked_folder
+
 
 def evaluate(
     trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="TUM format.")],
@@ -34,8 +36,8 @@ def evaluate(
     reference = reference or against
     if reference is None and relations is None:
         raise ValueError("nothing to evaluate against: give --reference, --relations or both")
-    if out is not None and out.exists() and not out.is_dir():
-        raise ValueError(f"--out takes a folder, and {out} is a file")
+    if out is not None:
+        checked_folder(out)
     result = evaluation.evaluated_files(trajectory, reference, relations, odometry)
     print(evaluation.table(result.summary(), trajectory.name))
     if out is not None:

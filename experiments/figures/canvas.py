@@ -76,5 +76,6 @@ def saved(figure: Any, stem: Path) -> Path:
 
 def image_file(path: Path, pixels: np.ndarray) -> Path:
     """Writes pixels (H, W, 3) as PNG, whatever the file is called."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     plt.imsave(path, pixels, format="png")
     return path

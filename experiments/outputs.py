@@ -1,0 +1,44 @@
+"""Where results are written: refused before the work, not after it."""
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+
+
+def checked_folder(folder: Path) -> Path:
+    """The folder, if files can be written into it, or it can be made.
+
+    Raises ValueError for a file, OSError, naming the folder, where nothing can be written.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--out takes a folder, and {folder} is a file")
+    _check_writable(folder, folder)
+    return folder
+
+
+def checked_file(path: Path) -> Path:
+    """The file, if it can be written, or made together with its folder.
+
+    Raises ValueError for a folder, OSError, naming the file, where nothing can be written.
+    """
+    if path.is_dir():
+        raise ValueError(f"--out takes a file, and {path} is a folder")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    _check_writable(path.parent, path)
+    return path
+
+
+def _check_writable(folder: Path, named: Path) -> None:
+    """Raises OSError about what is named if nothing can be written into a folder."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    try:
+        # what may be written where is known to the system alone: of /proc, its permissions lie
+        with tempfile.TemporaryFile(dir=there):
+            pass
+    except NotADirectoryError as error:
+        raise NotADirectoryError(error.errno, error.strerror, str(named)) from None
+    except OSError as error:
+        said = f"nothing can be written there ({error.strerror})"
+        raise OSError(error.errno, said, str(named)) from None
