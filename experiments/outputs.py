@@ -1,8 +1,10 @@
 """Where results are written: refused before the work, not after it."""
 
 import errno
+import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 
@@ -42,3 +44,18 @@ def _check_writable(folder: Path, named: Path) -> None:
     except OSError as error:
         said = f"nothing can be written there ({error.strerror})"
         raise OSError(error.errno, said, str(named)) from None
+
+
+def remove_leftovers(
+    folder: Path, experiment: str, files_of: Mapping[str, tuple[str, ...]]
+) -> None:
+    """Removes what another experiment wrote into a folder and this one would leave as it is.
+
+    files_of: beside summary.json, which tells whose they are; of others nothing is touched.
+    """
+    try:
+        before = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["experiment"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return  # nothing there, or nothing of ours
+    for name in set(files_of.get(before, ())) - set(files_of[experiment]):
+        (folder / name).unlink(missing_ok=True)

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 
 from experiments.known_maps import LogConfig, points_of_scans
-from experiments.protocols import DEFAULT_METHOD
+from experiments.outputs import remove_leftovers
+from experiments.protocols import DEFAULT_METHOD, REAL_LOG_FILES
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
 from slam.icp import CoarseToFineConfig
@@ -166,8 +167,10 @@ def join(measurements: Iterable[Measurement]) -> Measurement:
 
 def write_results(result: RealLogResult, folder: Path) -> None:
     """Writes summary.json and trajectory.tum. Raises OSError when the folder cannot be written."""
+    summary = result.summary()
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
+    remove_leftovers(folder, summary["experiment"], REAL_LOG_FILES)
+    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     write_tum(folder / "trajectory.tum", result.trajectory())
 
 

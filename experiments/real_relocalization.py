@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from experiments.known_maps import map_of_scans
-from experiments.protocols import PROTOCOLS
+from experiments.outputs import remove_leftovers
+from experiments.protocols import PROTOCOLS, REAL_LOG_FILES
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
 from slam.hypotheses import HypothesesConfig
@@ -252,10 +253,12 @@ def _asked(
 
 def write_results(result: Relocalized, folder: Path) -> None:
     """Writes summary.json, and asked.jsonl, a line for each scan. Raises OSError if it cannot."""
+    summary = result.summary()
     folder.mkdir(parents=True, exist_ok=True)
+    remove_leftovers(folder, summary["experiment"], REAL_LOG_FILES)
     lines = "".join(json.dumps(one.record()) + "\n" for one in result.asked)
     write_atomically(folder / "asked.jsonl", lines)
-    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
+    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def table(summary: dict[str, Any]) -> str:

@@ -28,11 +28,13 @@ def write_results(result: SlamLog, folder: Path) -> str:
     write_tum(folder / "trajectory.tum", result.trajectory)
     if result.slam_map.session_count > 1:
         write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
+    else:  # that of another map is not left beside this one
+        (folder / "sessions.tum").unlink(missing_ok=True)
     write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
     write_slam_map(folder / "map.kitasap", result.slam_map)
     if grid is not None:
         write_map(folder / "map.yaml", grid)
-    else:  # that of another map is not left beside this one
+    else:
         for name in ("map.yaml", "map.pgm"):
             (folder / name).unlink(missing_ok=True)
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")

@@ -44,6 +44,19 @@ def test_motion_over_passed_scans_is_kept(tmp_path):
     np.testing.assert_allclose(motion.as_array(), log_motion.as_array(), atol=1e-9)
 
 
+def test_files_of_another_protocol_do_not_stay_and_those_of_others_do(tmp_path):
+    (tmp_path / "notes.txt").touch()
+    # of no run of ours, as long as no summary says so
+    (tmp_path / "asked.jsonl").touch()
+    asked = {"asked.jsonl"}
+    tracked = {"trajectory.tum", "localization.png", "localization.svg"}
+    for protocol, files in (("tracked", tracked | asked), ("each", asked), ("tracked", tracked)):
+        options = ["--method", "fast", "--protocol", protocol, "--out", str(tmp_path)]
+        assert main([*EXCERPT, REFERENCE, *options]) in (0, 1)
+        names = {path.name for path in tmp_path.iterdir()}
+        assert names == {"notes.txt", "summary.json"} | files
+
+
 def test_same_log_gives_the_same_bytes():
     first, second = run(EXCERPT[0], REFERENCE), run(EXCERPT[0], REFERENCE)
     assert first.trajectory().poses.tobytes() == second.trajectory().poses.tobytes()

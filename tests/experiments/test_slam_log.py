@@ -171,7 +171,7 @@ def test_start_that_lies_farther_off_the_map_than_it_reaches_is_refused_before_t
 def test_map_that_no_grid_holds_is_written_but_for_its_grid(folder, tmp_path, capsys, monkeypatch):
     # as many cells as a room has
     monkeypatch.setattr("slam.ray_counts._MOST_CELLS", 10_000)
-    for name in ("map.yaml", "map.pgm"):
+    for name in ("map.yaml", "map.pgm", "sessions.tum"):
         (tmp_path / name).write_text("of another map")
     assert main(["slam", str(LOG), "--out", str(tmp_path)]) == 1
     *_, said, _ = capsys.readouterr().out.splitlines()
