@@ -5,7 +5,7 @@ right, then along the place's track, and so on back along it; slowly, since spin
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -36,6 +36,7 @@ _LABELS = (
     *("radius left [mm]", "radius right [mm]", "track [mm]"),
     *("laser x [mm]", "laser y [mm]", "laser heading [deg]"),
 )
+OnScan = Callable[[float, float], None]
 _SHOWN_PER_UNIT = np.array([1e3] * 5 + [180.0 / math.pi])
 
 
@@ -110,8 +111,13 @@ class CalibrationResult:
         )
 
 
-def run_calibration(config: CalibrationConfig, seed: int) -> CalibrationResult:
-    """One drive and what it tells. Raises ValueError where it cannot be driven or tells nothing."""
+def run_calibration(
+    config: CalibrationConfig, seed: int, on_scan: OnScan | None = None
+) -> CalibrationResult:
+    """One drive and what it tells. Raises ValueError where it cannot be driven or tells nothing.
+
+    on_scan: told of the time of each scan and of the end of the drive [s].
+    """
     known = KnownPlace(Place(config.place), laser(config.laser), _MAP_SPACING_M)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=_SEED_KEY))
     simulation_rng, way_rng = rng.spawn(2)
@@ -119,7 +125,7 @@ def run_calibration(config: CalibrationConfig, seed: int) -> CalibrationResult:
         known.place, config.laser, config.odometry, simulation_rng, mismatch=config.mismatch
     )
     start = SE2.from_array(simulation.truth().pose)
-    measurements = _driven(known, simulation, config.duration_s, way_rng)
+    measurements = _driven(known, simulation, config.duration_s, way_rng, on_scan)
     matcher = METHODS["limit"].matcher(known)
     found = calibrate(measurements, matcher, start, known.T_base_laser, DRIVE)
     assumed = np.array([*DRIVE.wheel_radius_m, DRIVE.track_m, *known.T_base_laser.as_array()])
@@ -127,13 +133,19 @@ def run_calibration(config: CalibrationConfig, seed: int) -> CalibrationResult:
 
 
 def _driven(
-    known: KnownPlace, simulation: Simulation, duration_s: float, rng: np.random.Generator
+    known: KnownPlace,
+    simulation: Simulation,
+    duration_s: float,
+    rng: np.random.Generator,
+    on_scan: OnScan | None,
 ) -> list[Measurement]:
     source, measurements = MeasurementSource(known.laser, simulation.wheel_ticks()), []
     corners_m = _corners(simulation.world, rng)
     swing_rad = min(math.pi, _SWING_RADPS * duration_s)
     for frame in _frames(simulation, corners_m, swing_rad):
         measurements.append(source.measurement(frame))
+        if on_scan is not None:
+            on_scan(frame.time_s, duration_s)
         if frame.time_s >= duration_s:
             break
     return measurements

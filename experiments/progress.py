@@ -1,5 +1,6 @@
 """Live progress: of a run's trials and how many of them each method won, of a log's scans."""
 
+import math
 import sys
 from typing import TYPE_CHECKING, Any, Self
 
@@ -23,7 +24,11 @@ class _Bar:
             TextColumn("{task.fields[words]}"),
             console=Console(stderr=True),
             disable=not sys.stderr.isatty(),
+            # a library imported meanwhile may keep what it finds there for good
+            redirect_stdout=False,
+            redirect_stderr=False,
         )
+        self._last_words = ""
         self._task = self._bar.add_task(name, total=total, words="")
 
     def __enter__(self) -> Self:
@@ -31,15 +36,21 @@ class _Bar:
         return self
 
     def __exit__(self, *raised: object) -> None:
+        self._bar.update(self._task, words=self._last_words)
         self._bar.stop()
 
     @property
     def _is_hidden(self) -> bool:
         return self._bar.disable
 
-    def _show(self, done: int, words: str, total: int | None = None) -> None:
-        """total: None: as before."""
+    def _show(self, done: int, words: str, total: int | None = None, now: str = "") -> None:
+        """total: None: as before. now: words more, of what is done until the bar is left."""
+        self._last_words = words
+        words = f"{words}; {now}" if words and now else words or now
         self._bar.update(self._task, completed=done, total=total, words=words)
+        if done == total:
+            # what comes now may keep the thread that draws from its turn
+            self._bar.refresh()
 
 
 class TrialProgress(_Bar):
@@ -66,7 +77,7 @@ class TrialProgress(_Bar):
     def compiling(self) -> None:
         """Says why nothing happens yet."""
         said = "the first run on a machine compiles its kernels, some 20 s"
-        self._show(self._done, said)
+        self._show(self._done, "", now=said)
         if self._is_hidden:
             print(f"{self._name}: {said}", file=sys.stderr)
 
@@ -86,6 +97,32 @@ class ScanProgress(_Bar):
         self._show(index + 1, "" if estimate is None else estimate.verdict.status.value, scans)
 
 
+class CountProgress(_Bar):
+    """A progress bar over what is done so many times."""
+
+    def __init__(self, name: str, total: int) -> None:
+        super().__init__(name, total)
+
+    def update(self, done: int, words: str = "") -> None:
+        """So many are done."""
+        self._show(done, words)
+
+
+class DriveProgress(_Bar):
+    """A progress bar over the seconds of a drive, and what is worked out after it."""
+
+    def __init__(self, name: str, after: str) -> None:
+        super().__init__(name, None)
+        self._after = after
+
+    def update(self, time_s: float, duration_s: float) -> None:
+        """So much of the drive is over."""
+        total = math.ceil(duration_s)
+        is_over = time_s >= duration_s
+        done = total if is_over else int(time_s)
+        self._show(done, "seconds driven", total, now=self._after if is_over else "")
+
+
 class SlamProgress(_Bar):
     """A progress bar over the scans of a log that is mapped: the last step, and the loops so far."""
 
@@ -93,6 +130,7 @@ class SlamProgress(_Bar):
         super().__init__(name, None)
 
     def update(self, index: int, scans: int, step: "MapperStep") -> None:
-        """One more scan of so many is placed."""
+        """One more scan of so many is placed. With the last one the map is not finished yet."""
         joined = "" if step.is_joined else ", not joined yet"
-        self._show(index + 1, f"{step.status.value}, {step.loops} loops{joined}", scans)
+        now = "finishing the map" if index + 1 == scans else ""
+        self._show(index + 1, f"{step.status.value}, {step.loops} loops{joined}", scans, now)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -99,9 +99,14 @@ class RealLogResult:
 
 
 def run(
-    log_path: str | Path, reference_path: str | Path, config: RealLogConfig | None = None
+    log_path: str | Path,
+    reference_path: str | Path,
+    config: RealLogConfig | None = None,
+    on_scan: Callable[[int, int, Estimate], None] | None = None,
 ) -> RealLogResult:
     """The odd scans of a CARMEN log localised on the map of the even ones.
+
+    on_scan: told of each, with its number and how many there are.
 
     Only scans that have a reference pose (by stamp) count; the motion over others is composed.
     Raises ValueError for files that are not what they should be, OSError for unreadable ones.
@@ -122,9 +127,13 @@ def run(
     # The first odd scan starts at its reference: its own motion is undone beforehand.
     start = odd[0][1] @ odd[0][0].motion.inverse()
     localizer = Localizer(known.matcher(config.method, config.matching), start, log.T_base_laser)
-    estimates = tuple(localizer.update(measurement) for measurement, _ in odd)
+    estimates: list[Estimate] = []
+    for index, (measurement, _) in enumerate(odd):
+        estimates.append(localizer.update(measurement))
+        if on_scan is not None:
+            on_scan(index, len(odd), estimates[-1])
     poses = np.array([T_reference.as_array() for _, T_reference in odd])
-    return RealLogResult(log.name, config, points, estimates, poses)
+    return RealLogResult(log.name, config, points, tuple(estimates), poses)
 
 
 def referenced(

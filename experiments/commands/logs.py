@@ -43,8 +43,11 @@ def _tracked(log: Path, reference: Path, out: Path, method: str) -> bool:
     """`real-log` from a start that is known: whether every scan was tracked."""
     from experiments import real_logs
     from experiments.figures import real_log_picture
+    from experiments.progress import ScanProgress
 
-    result = real_logs.run(log, reference, real_logs.RealLogConfig(method=method))
+    config = real_logs.RealLogConfig(method=method)
+    with ScanProgress(log.name) as progress:
+        result = real_logs.run(log, reference, config, progress.update)
     real_logs.write_results(result, out)
     real_log_picture(out, result)
     summary = result.summary()

@@ -127,8 +127,11 @@ def calibrate(
 ) -> None:
     """Drives, and finds the laser's mounting and the wheels' radii and track from the drive."""
     from experiments.calibration import CalibrationConfig, run_calibration
+    from experiments.progress import DriveProgress
 
-    result = run_calibration(CalibrationConfig(place, laser, odometry, mismatch, duration), seed)
+    config = CalibrationConfig(place, laser, odometry, mismatch, duration)
+    with DriveProgress("calibrate", after="finding mounting and wheels") as progress:
+        result = run_calibration(config, seed, progress.update)
     print(result.table())
     raise typer.Exit(0 if result.found.is_observable else 1)
 

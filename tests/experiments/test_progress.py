@@ -1,0 +1,71 @@
+"""What a terminal is shown while one waits, and that nothing of it is in a file."""
+
+import contextlib
+import io
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from experiments.cli import main
+from experiments.progress import DriveProgress
+
+DATA = Path(__file__).parents[1] / "data"
+LOG = str(DATA / "fr101-excerpt.clf.gz")
+REFERENCE = str(DATA / "fr101-excerpt.reference.tum")
+
+
+class Terminal(io.StringIO):
+    """What is written to it, and a width."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def shown(monkeypatch) -> Callable[..., str]:
+    """What a terminal is shown by a command that ends with some status."""
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments: str, status: int = 0) -> str:
+        terminal = Terminal()
+        with contextlib.redirect_stderr(terminal):
+            assert main(list(arguments)) == status
+        return terminal.getvalue()
+
+    return run
+
+
+def test_slam_says_that_it_finishes_the_map(shown, tmp_path, monkeypatch):
+    monkeypatch.setattr("experiments.figures.slam_map_picture", lambda *_: None)
+    text = shown("slam", LOG, "--out", str(tmp_path))
+    assert "20/20" in text
+    assert "; finishing the map" in text
+    # and not for ever
+    assert "finishing" not in text.splitlines()[-1]
+
+
+def test_scans_that_are_tracked_are_counted(shown, tmp_path):
+    options = ("--reference", REFERENCE, "--method", "limit", "--out", str(tmp_path))
+    text = shown("real-log", LOG, *options)
+    assert "fr101-excerpt.clf.gz" in text
+    assert "10/10" in text
+
+
+def test_calibration_counts_the_seconds_of_its_drive(shown, box_room):
+    text = shown("calibrate", "--place", box_room, "--duration", "5", status=1)
+    assert "5/5" in text
+    assert "finding mounting and wheels" in text
+
+
+def test_queries_are_counted_over_all_places(shown, box_room, monkeypatch):
+    monkeypatch.setattr("experiments.bench.relocalization.PLACES", (box_room, box_room))
+    assert "4/4" in shown("bench", "relocalization", "--trials", "2", "--people", "0")
+
+
+def test_nothing_moves_where_no_terminal_is(capsys):
+    with DriveProgress("calibrate", after="finding") as progress:
+        progress.update(1.0, 2.0)
+        progress.update(2.0, 2.0)
+    assert capsys.readouterr().err == ""
