@@ -8,11 +8,11 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from rich.console import Console
 from rich.table import Table
 
 from experiments.bench.registration_run import one_core
 from experiments.memory import resident_mb
+from experiments.tables import wide_console
 from slam.front_end import FrontEnd
 from slam.mapping import Mapper
 from slam.measurements import Measurement
@@ -52,7 +52,7 @@ def print_benchmark(log_path: Path, out: Path | None) -> MappingCost:
     """Measures, prints the table, and writes it as JSON where asked; what was measured."""
     with one_core():
         cost = measured(read_log(log_path))
-    Console().print(_table(cost))
+    wide_console().print(_table(cost))
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(json.dumps(asdict(cost), indent=2) + "\n")

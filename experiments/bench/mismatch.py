@@ -11,12 +11,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from experiments.figures import mismatch_figure
 from experiments.runs import recorded_trial
 from experiments.statistics import samples_of, summarised
+from experiments.tables import wide_console
 from experiments.trials import TrialConfig
 from experiments.worlds import MISMATCHES
 
@@ -31,7 +31,7 @@ def print_benchmark(
     base = TrialConfig(
         poses="random", place=place, laser=laser, methods=(METHOD,), duration_s=_DRIVE_S
     ).checked()
-    console = Console()
+    console = wide_console()
     rows = [_row(base, name, trials, drives, seed, console.log) for name in MISMATCHES]
     out.mkdir(parents=True, exist_ok=True)
     (out / "mismatch.json").write_text(json.dumps(rows, indent=2) + "\n")

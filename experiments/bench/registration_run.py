@@ -34,6 +34,7 @@ from experiments.bench.registration_data import (
 )
 from experiments.bench.registration_peers import MAX_PAIR_DISTANCE_M, PEERS
 from experiments.paper import VICINITY_M, VICINITY_RAD
+from experiments.tables import wide_console
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place
 from slam.arrays import FloatArray
@@ -112,9 +113,7 @@ def print_benchmark(
 ) -> None:
     """Measures all rows, prints the table, and writes it to a JSON file where one is named."""
     result = measured(Place(place_name), laser_name, trials, seed)
-    Console(width=None if sys.stdout.isatty() else 150).print(
-        table(result, f"{place_name}, {laser_name}, seed {seed}")
-    )
+    wide_console().print(table(result, f"{place_name}, {laser_name}, seed {seed}"))
     if result.missing:
         rows = sum(map(len, result.missing.values()))
         print(

@@ -4,11 +4,11 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from experiments.progress import CountProgress
 from experiments.sources import MeasurementSource
+from experiments.tables import wide_console
 from experiments.trials import TrialConfig
 from slam.beams import Beams
 from slam.se2 import SE2
@@ -34,7 +34,7 @@ def print_benchmark(laser: str, people: int, trials: int, seed: int) -> None:
                 f"{np.median(query_ms):.1f}", f"{np.percentile(query_ms, 99):.1f}",
                 f"{right} of {trials}",
             )  # fmt: skip
-    Console().print(table)
+    wide_console().print(table)
 
 
 def measured(

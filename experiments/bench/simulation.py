@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from experiments.tables import wide_console
 from kitasap_sim.drive import Pilot, square
 from kitasap_sim.hand import kidnap
 from kitasap_sim.places import Place
@@ -40,7 +40,7 @@ class SpeedResult:
 
 def print_benchmark(place_name: str, laser_name: str) -> None:
     """Prints the benchmark of the simulation."""
-    console = Console()
+    console = wide_console()
     table = Table(title=f"Simulation, {place_name}, {laser_name}")
     table.add_column("what")
     table.add_column("figure", justify="right")

@@ -173,13 +173,11 @@ def _config(
 
 def _executed(run: "Run", jobs: int | None) -> dict:
     """Executes a run under a progress line; prints its table and where its files are."""
-    from rich.console import Console
-
     from experiments.figures import run_figures
     from experiments.progress import TrialProgress
-    from experiments.tables import summary_table
+    from experiments.tables import summary_table, wide_console
 
-    console = Console(width=None if sys.stdout.isatty() else 140)
+    console = wide_console()
     records: dict[int, dict] = {}
     with TrialProgress(run.experiment, run.trials, run.config.methods) as progress:
 
