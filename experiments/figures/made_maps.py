@@ -49,8 +49,9 @@ def worst_maps_picture(folder: Path, worst: list[tuple[int, MappingResult]], nam
     )
     for axis, (index, result) in zip(axes[0], worst, strict=True):
         _draw_made(axis, result, name, f"trial {index}, {_people(result)}")
-    figure.suptitle(f"the worst maps by {name}")
-    legend_below(figure, axes[0][0], ncols=4)
+    figure.suptitle(f"the worst maps by {name}" if len(worst) > 1 else f"the worst map by {name}")
+    # below a single map there is room for two beside each other
+    legend_below(figure, axes[0][0], ncols=min(2 * len(worst), 4))
     return saved(figure, folder / "worst")
 
 

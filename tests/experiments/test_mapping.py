@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -119,6 +120,22 @@ def test_pictures_are_drawn(result, tmp_path):
     summary = {"trials": 1, "methods": {"odometry": {}, "limit": {}}}
     (tmp_path / "summary.json").write_text(json.dumps(summary))
     assert map_quality_figure(tmp_path).exists()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_legend_of_the_worst_maps_lies_in_the_picture(count, result, tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "experiments.figures.made_maps.saved", lambda figure, _: drawn.append(figure)
+    )
+    worst_maps_picture(tmp_path, [(index, result) for index in range(count)], "limit")
+    (figure,) = drawn
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= 0.0
+    assert box.x1 <= figure.bbox.width
+    plt.close(figure)
 
 
 @pytest.mark.slow
