@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from experiments.cli import main
-from slam import read_map, read_tum
+from slam import read_map, read_slam_map, read_tum
+from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
@@ -53,6 +55,19 @@ def test_map_is_a_ros_map_with_walls_and_free_space(folder):
     # where the robot drove nothing stands
     poses = read_tum(folder / "trajectory.tum").poses
     assert np.mean(grid.is_free_at(poses[:, :2])) > 0.98
+
+
+def test_points_are_the_map_s_in_a_file_that_others_read(folder):
+    cloud = load_open3d().io.read_point_cloud(str(folder / "points.ply"))
+    points = np.asarray(cloud.points)
+    of_map = read_slam_map(folder / "map.kitasap").points
+    assert len(points) > 500
+    np.testing.assert_allclose(points[:, :2], of_map, atol=1e-4)
+    assert not points[:, 2].any()
+    # on the walls of the grid, or a cell beside them
+    occupied = read_map(folder / "map.yaml").points()
+    off_m, _ = cKDTree(occupied).query(points[:, :2])
+    assert np.mean(off_m < 0.1) > 0.95
 
 
 def test_picture_is_there(folder):
