@@ -1,6 +1,6 @@
 """Tracking: the robot drives through a place that it knows, and follows itself scan by scan.
 
-`--poses paper`: along the place's own track, turning on the spot at its corners. `--poses random`:
+`--poses paper`: along the place's own track, turning on the spot at its corners. Any others:
 round a circle somewhere in the free space, speed and turn rate held, which is the hardest for a
 scan that takes its time. The turn rate is `--turn-rate`, the speed the paper's 0.2 m/s.
 """
@@ -71,7 +71,7 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrackingResult:
 def checked(config: TrialConfig) -> TrialConfig:
     """The configuration, if there is room to drive. Raises ValueError if not."""
     config = config.checked()
-    if config.poses == "random":
+    if config.poses != "paper":
         _free_circle(config, config.known_place.place, np.random.default_rng(0))
     return config
 
@@ -164,7 +164,7 @@ def _driven(
 ) -> Iterator[SensorFrame]:
     """The frames of a drive: the first at rest, then on and on."""
     yield simulation.next_frame()
-    if config.poses == "random":
+    if config.poses != "paper":
         simulation.drive(SPEED_MPS, side * config.turn_rate_radps)
         yield from simulation.frames()
     driver = Driver(speed_mps=SPEED_MPS, turn_rate_radps=config.turn_rate_radps)

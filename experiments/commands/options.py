@@ -48,8 +48,8 @@ KnownMap = Annotated[
         "--map", help="true: the map is exact; made: the robot made it itself on a drive before."
     ),
 ]
-TurnRate = Annotated[float, typer.Option(help="Of tracking [rad/s].")]
-Duration = Annotated[float, typer.Option(help="Of each drive of tracking [s].")]
+TurnRate = Annotated[float | None, typer.Option(help="Of tracking [rad/s]; default: 0.5.")]
+Duration = Annotated[float | None, typer.Option(help="Of each drive of tracking [s]; default: 30.")]
 Seed = Annotated[int, typer.Option(min=0, help="Master seed of all random numbers.")]
 Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder per experiment.")]
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]

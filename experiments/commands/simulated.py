@@ -33,6 +33,15 @@ if TYPE_CHECKING:
     from experiments.runs import Run
     from experiments.trials import TrialConfig
 
+_USED_BY = {
+    "--poses anywhere": ("kidnap",),
+    # mapping has no map beforehand
+    "--map made": ("localization", "kidnap", "tracking"),
+    "--turn-rate": ("tracking",),
+    "--duration": ("tracking",),
+}
+"""Which experiments look at an option that others do not."""
+
 
 def run(
     experiments: Annotated[
@@ -50,8 +59,8 @@ def run(
     people: TrialPeople = None,
     mismatch: Mismatch = "none",
     known_map: KnownMap = "true",
-    turn_rate: TurnRate = 0.5,
-    duration: Duration = 30.0,
+    turn_rate: TurnRate = None,
+    duration: Duration = None,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
     from experiments.runs import Run
@@ -61,6 +70,7 @@ def run(
     for each in runs:
         each.check()
         checked_folder(each.folder)
+    _check_used(experiments, poses, known_map, turn_rate, duration)
     has_raised = False
     for each in runs:
         summary = _executed(each, jobs)
@@ -81,8 +91,8 @@ def trial(
     people: TrialPeople = None,
     mismatch: Mismatch = "none",
     known_map: KnownMap = "true",
-    turn_rate: TurnRate = 0.5,
-    duration: Duration = 30.0,
+    turn_rate: TurnRate = None,
+    duration: Duration = None,
 ) -> None:
     """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
     from experiments.figures import trial_picture
@@ -91,6 +101,7 @@ def trial(
 
     typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
     config = experiment_module(experiment).checked(_config(experiment, *typed))
+    _check_used([experiment], poses, known_map, turn_rate, duration)
     folder = checked_folder(out / experiment)
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
     result = trial_result(experiment, config, seed, index)
@@ -146,8 +157,8 @@ def _config(
     people: int | None,
     mismatch: str,
     known_map: str,
-    turn_rate: float,
-    duration: float,
+    turn_rate: float | None,
+    duration: float | None,
 ) -> "TrialConfig":
     """What was typed; None: as the experiment has it."""
     from dataclasses import replace
@@ -166,9 +177,31 @@ def _config(
         people=own.people if people is None else people,
         mismatch=mismatch,
         map=known_map,
-        turn_rate_radps=turn_rate,
-        duration_s=duration,
+        turn_rate_radps=own.turn_rate_radps if turn_rate is None else turn_rate,
+        duration_s=own.duration_s if duration is None else duration,
     )
+
+
+def _check_used(
+    experiments: list[str],
+    poses: str,
+    known_map: str,
+    turn_rate: float | None,
+    duration: float | None,
+) -> None:
+    """Raises ValueError for an option that was typed and that none of the experiments uses."""
+    typed = {
+        "--poses anywhere": poses == "anywhere",
+        "--map made": known_map == "made",
+        "--turn-rate": turn_rate is not None,
+        "--duration": duration is not None,
+    }
+    for option, users in _USED_BY.items():
+        if typed[option] and not set(users) & set(experiments):
+            raise ValueError(
+                f"{option} changes nothing of {' and '.join(experiments)}: it is of"
+                f" {', '.join(users)}"
+            )
 
 
 def _executed(run: "Run", jobs: int | None) -> dict:

@@ -113,6 +113,16 @@ def test_track_without_sites_goes_round_in_the_free_space(config):
     assert on_track.known_place.place.is_free(np.array([[x, y]])).all()
 
 
+def test_anywhere_is_a_circle_anywhere_as_for_random_poses(config):
+    # beside a kidnap in one command; it once followed the track from where no track is
+    short = replace(config, methods=("odometry",), duration_s=3.0)
+    anywhere, drawn = (
+        run_trial(replace(short, poses=poses), generator(NAME, 0, 0)).record()
+        for poses in ("anywhere", "random")
+    )
+    assert anywhere == drawn
+
+
 def test_circle_that_fits_nowhere_is_refused_before_the_first_trial(config):
     # 0.2 m/s at 0.1 rad/s: 2 m, in a room of 4 x 3 m
     wide = replace(config, turn_rate_radps=0.1)
