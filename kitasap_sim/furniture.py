@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -34,7 +35,7 @@ class Piece:
     solids: list[np.ndarray] = field(repr=False)
     seen: list[np.ndarray] = field(repr=False)
 
-    @property
+    @cached_property
     def boxes_m(self) -> np.ndarray:
         """(G, 2, 3) lower and upper corner of the box around each of its geoms [m]."""
         corners = [solid.reshape(-1, 3) for solid in self.solids]

@@ -283,7 +283,15 @@ def table(result: BenchmarkResult, what: str) -> Table:
     if result.bound is not None:
         position_mm, heading_mrad = map(_number, result.bound)
         shown.add_row(
-            "Cramer-Rao bound", "", "", position_mm, heading_mrad, "", "", "", "no method can do better"
+            "Cramer-Rao bound",
+            "",
+            "",
+            position_mm,
+            heading_mrad,
+            "",
+            "",
+            "",
+            "no method can do better",
         )
     return shown
 
