@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from slam.arrays import FloatArray
 from slam.readers.carmen_lines import KEYWORDS, LASERS, Fan, LaserLine, laser_of, odometry_of
 from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.no_return import NoReturnSearch
 from slam.se2 import SE2
 
 _LOG_DECIMALS = 6
@@ -59,7 +60,8 @@ class CarmenConfig:
 
     first_beam_rad, step_rad: of FLASER lines; None takes the usual ones of sensors with so many
     beams. range_max_m: what is not below it is no return (logs write 81.83, 81.91 or 50.00); lines
-    that announce a maximum range go by their own. T_base_laser: the mounting; None takes it from
+    that announce a maximum range go by their own. Of either, what the log shows to be its code for
+    no return (`NoReturnSearch`) is none as well. T_base_laser: the mounting; None takes it from
     the poses in the log, or from its PARAM lines. laser: the name of the lines to read, where
     there are several; None takes the first of `LASERS` that there is.
     """
@@ -98,14 +100,15 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
         T_base_laser=survey.mounting(laser, config),
         scan_count=survey.counts[laser],
         records=LogRecords(
-            survey.counts[laser] + survey.counts["ODOM"], partial(_records, path, laser, config)
+            survey.counts[laser] + survey.counts["ODOM"],
+            partial(_records, path, laser, survey.fan(laser, config)),
         ),
         noise=config.noise.covariance if has_odometry else _unknown_motion,
         has_odometry=has_odometry,
     )
 
 
-def _records(path: Path, laser: str, config: CarmenConfig) -> Iterator[LogRecord]:
+def _records(path: Path, laser: str, fan: Fan) -> Iterator[LogRecord]:
     """The records of a file, one after the other.
 
     Scans without a pose of their own wait for the odometry record behind them, between whose pose
@@ -113,7 +116,6 @@ def _records(path: Path, laser: str, config: CarmenConfig) -> Iterator[LogRecord
     """
     waiting: deque[LaserLine] = deque()
     before: tuple[float, SE2] | None = None
-    fan = config.fan
     for number, fields in _lines(path):
         place = f"{path.name} line {number}"
         if fields[0] == "ODOM":
@@ -185,23 +187,32 @@ class _Survey:
     counts: Counter[str] = field(default_factory=Counter)
     parameters: dict[str, float] = field(default_factory=dict)
     mountings: dict[str, _Mounting] = field(default_factory=dict)
+    codes: dict[str, NoReturnSearch] = field(default_factory=dict)
+    T_odom_last: SE2 | None = None
 
     def add(self, fields: list[str], place: str, config: CarmenConfig) -> None:
         """One line more. Raises ValueError where it is not what its name says."""
         name = fields[0]
         if name == "ODOM":
-            odometry_of(fields, place)
+            _, self.T_odom_last = odometry_of(fields, place)
         elif name == "PARAM":
             if len(fields) > 2 and fields[1] in _PARAMETERS:
                 self.parameters[fields[1]] = numbers(fields[2:3], place)[0]
         elif name in LASERS and config.laser in (None, name):
-            line = laser_of(fields, place, config.fan)
-            if line.T_odom_base is not None and line.T_odom_laser is not None:
-                mounting = line.T_odom_base.inverse() @ line.T_odom_laser
-                self.mountings.setdefault(name, _Mounting(mounting)).add(mounting)
+            self._add_scan(name, laser_of(fields, place, config.fan))
         else:
             return
         self.counts[name] += 1
+
+    def _add_scan(self, name: str, line: LaserLine) -> None:
+        T_odom_base = line.T_odom_base
+        if T_odom_base is not None and line.T_odom_laser is not None:
+            mounting = T_odom_base.inverse() @ line.T_odom_laser
+            self.mountings.setdefault(name, _Mounting(mounting)).add(mounting)
+        near = T_odom_base or self.T_odom_last
+        position = None if near is None else (near.x, near.y)
+        codes = self.codes.setdefault(name, NoReturnSearch())
+        codes.add(line.ranges_m, line.step_rad, position)
 
     def chosen_laser(self, config: CarmenConfig) -> str:
         """The name of the lines that are the scans. Raises ValueError where there are none."""
@@ -211,6 +222,10 @@ class _Survey:
                 return laser
         kinds = "FLASER, ROBOTLASER1 or RAWLASER" if config.laser is None else config.laser
         raise ValueError(f"{self.name}: no {kinds} line, so no scan to work with")
+
+    def fan(self, laser: str, config: CarmenConfig) -> Fan:
+        """What the lines do not tell of their beams, with what the log shows of it."""
+        return replace(config.fan, no_return_m=self.codes[laser].no_return_m)
 
     def mounting(self, laser: str, config: CarmenConfig) -> SE2:
         """The sensor on the robot: as given, by the poses of the log, by its parameters."""

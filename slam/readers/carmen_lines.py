@@ -21,6 +21,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan
 from slam.readers.lines import numbers
+from slam.readers.no_return import NO_RETURN_SHARE
 from slam.se2 import SE2
 
 LASERS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "RAWLASER2", "RAWLASER3", "RAWLASER4")
@@ -40,10 +41,6 @@ _FANS_DEG = {
     **{count: (-0.5 * (count - 1) * _URG_STEP_DEG, _URG_STEP_DEG) for count in (682, 683, 726)},
 }
 
-_NO_RETURN_SHARE = 0.9985
-"""Of the maximum range that a line announces: SICK units say 81.83 to 81.91 of 81.92 m, 8.183 of
-8.192 m for no return or a blinded beam."""
-
 _STAMPS = 3
 _ODOM_FIELDS = 10
 _POSES = 6
@@ -53,11 +50,17 @@ _MOTION_FIELDS = 5  # behind the poses of ROBOTLASER1
 
 @dataclass(frozen=True)
 class Fan:
-    """What a FLASER line does not say of its beams; None takes the usual one of their number."""
+    """What lines do not say of their beams.
+
+    first_beam_rad, step_rad: of FLASER; None takes the usual one of their number. range_max_m: what
+    is not below it is no return, in lines that announce no maximum. no_return_m: nor is what is not
+    below this, in any line.
+    """
 
     first_beam_rad: float | None
     step_rad: float | None
     range_max_m: float
+    no_return_m: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,11 @@ class LaserLine:
     ranges_m: FloatArray
     T_odom_base: SE2 | None
     T_odom_laser: SE2 | None
+
+    @property
+    def step_rad(self) -> float:
+        """From beam to beam; 0 where there is but one."""
+        return float(self.angles_rad[1] - self.angles_rad[0]) if len(self.angles_rad) > 1 else 0.0
 
     def scan(self) -> LaserScan:
         """The same as a scan."""
@@ -99,7 +107,7 @@ def _flaser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     # ipc_timestamp, not the logger's in the last field
     *poses, time_s = _finite([*fields[2 + found : 8 + found], fields[-3]], place)
     angles_rad = _angles_of_count(found, place, fan)
-    _mark(ranges_m, fan.range_max_m)
+    _mark(ranges_m, min(fan.range_max_m, fan.no_return_m))
     return LaserLine(time_s, angles_rad, ranges_m, SE2(*poses[3:]), SE2(*poses[:3]))
 
 
@@ -124,7 +132,8 @@ def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
             " they do not fit"
         )
     ranges_m = np.array(numbers(fields[_HEAD : _HEAD + count], place))
-    _mark(ranges_m, _NO_RETURN_SHARE * range_max_m if range_max_m > 0.0 else fan.range_max_m)
+    announced_m = NO_RETURN_SHARE * range_max_m if range_max_m > 0.0 else fan.range_max_m
+    _mark(ranges_m, min(announced_m, fan.no_return_m))
     angles_rad = _angles(count, first_rad, step_rad)
     if not poses:
         return LaserLine(time_s, angles_rad, ranges_m, None, None)

@@ -20,6 +20,7 @@ from slam.measurements import LaserScan
 from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.no_return import NoReturnSearch
 from slam.readers.sweep_clock import rhythm
 from slam.se2 import SE2
 
@@ -44,7 +45,8 @@ class TicksConfig:
     clockwise; it measures from step 44 to 726, and step 384 looks ahead. 0.145 m ahead of the axle.
     late_s: from the last beam to the stamp, on average; found where the turns of scan after scan
     follow the ticks best: to 11 mrad in 0.1 s, not to 33 as if it were 0.
-    side_slip_s: as in `WheelModel`. range_max_m: what is not below it is no return.
+    side_slip_s: as in `WheelModel`. range_max_m: what is not below it is no return; nor is what the
+    log shows to be its code for that (`NoReturnSearch`).
     """
 
     drive: DifferentialDrive = _MINES_DRIVE
@@ -126,13 +128,19 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
     path, config = Path(path), config or TicksConfig()
     stamps_s: list[float] = []
     ticks: list[FloatArray] = []
-    returned: BoolArray = np.zeros(0, dtype=bool)
+    nearest_m = np.zeros(0)
+    codes = NoReturnSearch()
     for line in _lines(path, config):
-        returned = np.isfinite(line.ranges_m) | (returned if stamps_s else False)
+        nearest_m = np.fmin(line.ranges_m, nearest_m if stamps_s else np.inf)
         stamps_s.append(line.time_s)
         ticks.append(line.ticks)
+        # as far along its way; where that is straight, so far from where it was
+        way_m = float(config.drive.wheel_travel_m(line.ticks).mean())
+        codes.add(line.ranges_m, config.step_rad, (way_m, 0.0))
     if not stamps_s:
         raise ValueError(f"{path.name}: no line of ticks and ranges, so no scan to work with")
+    config = replace(config, range_max_m=min(config.range_max_m, codes.no_return_m))
+    returned = nearest_m < config.range_max_m
     sweeps = _Sweeps.of(np.array(stamps_s), np.array(ticks), returned, config)
     return Log(
         name=path.name,
