@@ -12,7 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.readers.carmen_lines import KEYWORDS, LASERS, Fan, LaserLine, laser_of, odometry_of
+from slam.readers.carmen_lines import (
+    KEYWORDS,
+    LASERS,
+    STEP_PARAMETER,
+    Fan,
+    LaserLine,
+    laser_of,
+    odometry_of,
+)
 from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.no_return import NoReturnSearch
@@ -59,11 +67,11 @@ class CarmenConfig:
     """What a CARMEN log does not say about its sensor.
 
     first_beam_rad, step_rad: of FLASER lines; None takes the usual ones of sensors with so many
-    beams. range_max_m: what is not below it is no return (logs write 81.83, 81.91 or 50.00); lines
-    that announce a maximum range go by their own. Of either, what the log shows to be its code for
-    no return (`NoReturnSearch`) is none as well. T_base_laser: the mounting; None takes it from
-    the poses in the log, or from its PARAM lines. laser: the name of the lines to read, where
-    there are several; None takes the first of `LASERS` that there is.
+    beams, or the step of a PARAM line. range_max_m: what is not below it is no return (logs write
+    81.83, 81.91 or 50.00); lines that announce a maximum range go by their own. Of either, what the
+    log shows to be its code for no return (`NoReturnSearch`) is none as well. T_base_laser: the
+    mounting; None takes it from the poses in the log, or from its PARAM lines. laser: the name of
+    the lines to read, where there are several; None takes the first of `LASERS` that there is.
     """
 
     first_beam_rad: float | None = None
@@ -90,7 +98,7 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
     cut, or has no scan in it; OSError when the file cannot be opened.
     """
     path, config = Path(path), config or CarmenConfig()
-    survey = _Survey(path.name)
+    survey = _Survey(path.name, config.fan)
     for number, fields in _lines(path):
         survey.add(fields, f"{path.name} line {number}", config)
     laser = survey.chosen_laser(config)
@@ -101,7 +109,7 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
         scan_count=survey.counts[laser],
         records=LogRecords(
             survey.counts[laser] + survey.counts["ODOM"],
-            partial(_records, path, laser, survey.fan(laser, config)),
+            partial(_records, path, laser, survey.fan_of(laser)),
         ),
         noise=config.noise.covariance if has_odometry else _unknown_motion,
         has_odometry=has_odometry,
@@ -184,6 +192,7 @@ class _Survey:
     """What is learnt of a log by reading it through: that it is whole, and what it holds."""
 
     name: str
+    fan: Fan
     counts: Counter[str] = field(default_factory=Counter)
     parameters: dict[str, float] = field(default_factory=dict)
     mountings: dict[str, _Mounting] = field(default_factory=dict)
@@ -198,8 +207,10 @@ class _Survey:
         elif name == "PARAM":
             if len(fields) > 2 and fields[1] in _PARAMETERS:
                 self.parameters[fields[1]] = numbers(fields[2:3], place)[0]
+            elif len(fields) > 2 and fields[1] == STEP_PARAMETER:
+                self.fan = replace(self.fan, told_step_deg=fields[2])
         elif name in LASERS and config.laser in (None, name):
-            self._add_scan(name, laser_of(fields, place, config.fan))
+            self._add_scan(name, laser_of(fields, place, self.fan))
         else:
             return
         self.counts[name] += 1
@@ -223,9 +234,9 @@ class _Survey:
         kinds = "FLASER, ROBOTLASER1 or RAWLASER" if config.laser is None else config.laser
         raise ValueError(f"{self.name}: no {kinds} line, so no scan to work with")
 
-    def fan(self, laser: str, config: CarmenConfig) -> Fan:
+    def fan_of(self, laser: str) -> Fan:
         """What the lines do not tell of their beams, with what the log shows of it."""
-        return replace(config.fan, no_return_m=self.codes[laser].no_return_m)
+        return replace(self.fan, no_return_m=self.codes[laser].no_return_m)
 
     def mounting(self, laser: str, config: CarmenConfig) -> SE2:
         """The sensor on the robot: as given, by the poses of the log, by its parameters."""

@@ -30,17 +30,22 @@ KEYWORDS = (*LASERS, "ODOM", "PARAM")
 
 # First beam and step of usual sensors by number of beams, which is all that FLASER tells. SICK
 # units with 180 and 360 beams end one step short of +90: `linspace(-90, 90, n)` would bend every
-# scan. 401 beams are a SICK at a quarter of a degree; 270, 540 and more the sensors that see 270
-# degrees; 682 and 683 a URG-04LX within its 240 degrees, 726 all of its steps, of which 1024 make a turn.
+# scan. 101, 201 and 401 beams are a SICK's 100 degrees; 270, 540 and more the sensors that see 270
+# degrees; 512 and 513 a URG-04LX within 180 degrees, 682 and 683 within its 240, 726 all of its
+# steps, of which 1024 make a turn, 769 those of 270 degrees, blind ones among them.
 _URG_STEP_DEG = 360.0 / 1024.0
 _FANS_DEG = {
     **{180: (-90.0, 1.0), 181: (-90.0, 1.0), 360: (-90.0, 0.5), 361: (-90.0, 0.5)},
-    **{401: (-50.0, 0.25), 270: (-135.0, 1.0), 271: (-135.0, 1.0), 540: (-135.0, 0.5)},
-    **{541: (-135.0, 0.5), 720: (-90.0, 0.25), 721: (-90.0, 0.25), 1080: (-135.0, 0.25)},
-    1081: (-135.0, 0.25),
+    **{101: (-50.0, 1.0), 201: (-50.0, 0.5), 401: (-50.0, 0.25)},
+    **{270: (-135.0, 1.0), 271: (-135.0, 1.0), 540: (-135.0, 0.5), 541: (-135.0, 0.5)},
+    **{720: (-90.0, 0.25), 721: (-90.0, 0.25), 1080: (-135.0, 0.25), 1081: (-135.0, 0.25)},
+    **{512: (-90.0, _URG_STEP_DEG), 513: (-90.0, _URG_STEP_DEG), 769: (-135.0, _URG_STEP_DEG)},
     **{count: (-0.5 * (count - 1) * _URG_STEP_DEG, _URG_STEP_DEG) for count in (682, 683, 726)},
 }
+STEP_PARAMETER = "laser_front_laser_resolution"
+"""Of PARAM lines: degrees from beam to beam of FLASER."""
 
+_FULL_TURN_DEG = 360.0
 _STAMPS = 3
 _ODOM_FIELDS = 10
 _POSES = 6
@@ -54,13 +59,14 @@ class Fan:
 
     first_beam_rad, step_rad: of FLASER; None takes the usual one of their number. range_max_m: what
     is not below it is no return, in lines that announce no maximum. no_return_m: nor is what is not
-    below this, in any line.
+    below this, in any line. told_step_deg: as a PARAM line has it, for unusual numbers of beams.
     """
 
     first_beam_rad: float | None
     step_rad: float | None
     range_max_m: float
     no_return_m: float = math.inf
+    told_step_deg: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,17 +166,35 @@ def _mark(ranges_m: FloatArray, no_return_m: float) -> None:
 
 
 def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
-    usual_first, usual_step = _FANS_DEG.get(count, (-90.0, None))
-    step_rad = fan.step_rad
+    usual_deg = _FANS_DEG.get(count)
+    step_rad, first_rad = fan.step_rad, fan.first_beam_rad
     if step_rad is None:
-        if usual_step is None:
-            raise ValueError(
-                f"{place}: the step between {count} beams is not known (it is for"
-                f" {', '.join(map(str, _FANS_DEG))}); give step_rad"
-            )
-        step_rad = math.radians(usual_step)
-    first_rad = math.radians(usual_first) if fan.first_beam_rad is None else fan.first_beam_rad
+        step_deg = _told_step_deg(count, place, fan) if usual_deg is None else usual_deg[1]
+        step_rad = math.radians(step_deg)
+    if first_rad is None:
+        # looking ahead, as the usual ones do
+        first_rad = -(count // 2) * step_rad if usual_deg is None else math.radians(usual_deg[0])
     return _angles(count, first_rad, step_rad)
+
+
+def _told_step_deg(count: int, place: str, fan: Fan) -> float:
+    """From beam to beam of an unusual number, by the log's PARAM line."""
+    if fan.told_step_deg is None:
+        raise ValueError(
+            f"{place}: FLASER does not tell where its {count} beams point, and no usual laser has"
+            f" as many ({', '.join(map(str, sorted(_FANS_DEG)))}); write above the scans how many"
+            f" degrees they are apart, as in: PARAM {STEP_PARAMETER} 0.5 nohost 0"
+        )
+    try:
+        step_deg = float(fan.told_step_deg)
+    except ValueError:
+        step_deg = math.nan
+    if not (step_deg > 0.0 and step_deg * (count - 1) <= _FULL_TURN_DEG):
+        raise ValueError(
+            f"{place}: {count} beams {fan.told_step_deg} degrees apart, as PARAM {STEP_PARAMETER}"
+            " has it, are no fan of 360 degrees at most"
+        )
+    return step_deg
 
 
 @lru_cache(maxsize=8)

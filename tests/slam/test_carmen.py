@@ -54,7 +54,10 @@ def test_beams_start_at_the_right_and_end_where_their_number_says(
 
 @pytest.mark.parametrize(
     ("count", "first_deg", "last_deg"),
-    [(270, -135.0, 134.0), (541, -135.0, 135.0), (682, -119.7, 119.7), (1080, -135.0, 134.75)],
+    [
+        *((101, -50.0, 50.0), (270, -135.0, 134.0), (513, -90.0, 90.0), (541, -135.0, 135.0)),
+        *((682, -119.7, 119.7), (769, -135.0, 135.0), (1080, -135.0, 134.75)),
+    ],
 )
 def test_beams_of_wide_sensors_are_told_by_their_number(tmp_path, count, first_deg, last_deg):
     path = written(tmp_path, flaser([1.0] * count, SE2.identity(), 1.0))
@@ -65,11 +68,35 @@ def test_beams_of_wide_sensors_are_told_by_their_number(tmp_path, count, first_d
 
 def test_unusual_number_of_beams_needs_its_step(tmp_path):
     path = written(tmp_path, flaser([1.0] * 7, SE2.identity(), 1.0))
-    with pytest.raises(ValueError, match=r"^a.clf line 1: the step between 7 beams is not known"):
+    said = (
+        r"^a.clf line 1: .* its 7 beams point, .*: PARAM laser_front_laser_resolution 0.5 nohost 0$"
+    )
+    with pytest.raises(ValueError, match=said):
         read_carmen(path)
     config = CarmenConfig(first_beam_rad=-0.3, step_rad=0.1)
     scan = next(read_carmen(path, config).measurements()).scan
     assert scan.angles_rad[-1] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("count", "step", "first_deg"),
+    [(91, "2.0", -90.0), (640, "0.25", -80.0), (1440, "0.25", -180.0)],
+)
+def test_unusual_number_of_beams_goes_by_the_parameter(tmp_path, count, step, first_deg):
+    told = f"PARAM laser_front_laser_resolution {step} nohost 0"
+    path = written(tmp_path, told, flaser([1.0] * count, SE2.identity(), 1.0))
+    angles_deg = np.degrees(next(read_carmen(path).measurements()).scan.angles_rad)
+    np.testing.assert_allclose(angles_deg, first_deg + float(step) * np.arange(count), atol=1e-9)
+
+
+@pytest.mark.parametrize("step", ["0", "-1.0", "nan", "60.1", "half"])
+def test_parameter_that_makes_no_fan_is_refused_where_it_is_needed(tmp_path, step):
+    told = f"PARAM laser_front_laser_resolution {step} nohost 0"
+    path = written(tmp_path, told, flaser([1.0] * 7, SE2.identity(), 1.0))
+    with pytest.raises(ValueError, match=rf"^a.clf line 2: 7 beams {step} degrees apart"):
+        read_carmen(path)
+    # those of SICK units are known, whatever the parameter says
+    assert read_carmen(written(tmp_path, told, flaser(RANGES, SE2.identity(), 1.0))).scan_count == 1
 
 
 def test_no_return_values_are_infinite_and_what_is_not_above_zero_invalid(tmp_path):
