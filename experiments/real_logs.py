@@ -113,6 +113,7 @@ def run(
     """
     config = config or RealLogConfig()
     log, reference = read_carmen(log_path, config.carmen), read_tum(reference_path)
+    log.check_sees()
     rows = list(referenced(log, reference, config.range_max_m))
     if len(rows) < 2:
         raise ValueError(

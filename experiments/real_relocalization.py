@@ -166,6 +166,7 @@ def run(
     if protocol not in ("each", "jumps"):
         raise ValueError(f"no protocol called '{protocol}'; there are: {', '.join(PROTOCOLS)}")
     log, reference = read_carmen(log_path, config.carmen), read_tum(reference_path)
+    log.check_sees()
     rows = list(referenced(log, reference, config.range_max_m))
     # of each piece of the half that is driven, two scans at least
     needed = 2 if protocol == "each" else 4 * (jumps + 1)

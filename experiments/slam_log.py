@@ -133,6 +133,7 @@ def run(
         _check_start(known, start)
     mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
     log = read_log(log_path)
+    log.check_sees()
     if against is not None:
         _check_same_time(log, against.times_s, reference)
     if related is not None:

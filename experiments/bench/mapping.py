@@ -50,8 +50,10 @@ class MappingCost:
 
 def print_benchmark(log_path: Path, out: Path | None) -> MappingCost:
     """Measures, prints the table, and writes it as JSON where asked; what was measured."""
+    log = read_log(log_path)
+    log.check_sees()
     with one_core():
-        cost = measured(read_log(log_path))
+        cost = measured(log)
     wide_console().print(_table(cost))
     if out is not None:
         out.parent.mkdir(parents=True, exist_ok=True)

@@ -113,6 +113,7 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
         ),
         noise=config.noise.covariance if has_odometry else _unknown_motion,
         has_odometry=has_odometry,
+        is_blind=survey.codes[laser].is_blind,
     )
 
 

@@ -47,6 +47,7 @@ class Log:
     """A log that was read through once, and found whole; none of its scans is kept.
 
     has_odometry: False where the log has scans alone; the motions are then nothing but a guess.
+    is_blind: True where no beam of any scan came back.
     wheels: of a log of encoder ticks; with_wheels: the same log by other wheels.
     """
 
@@ -56,8 +57,17 @@ class Log:
     records: LogRecords
     noise: MotionNoise = field(repr=False)
     has_odometry: bool = True
+    is_blind: bool = False
     wheels: WheelModel | None = None
     with_wheels: Callable[[WheelModel], Log] | None = field(default=None, repr=False)
+
+    def check_sees(self) -> None:
+        """Raises ValueError, in one line that names the log, where there is nothing to map."""
+        if self.is_blind:
+            raise ValueError(
+                f"{self.name}: none of the {self.scan_count} scans has a beam that came back: all"
+                " ranges are nan, not above 0, or no return; expected ranges to walls, in metres"
+            )
 
     def measurements(self) -> Iterator[Measurement]:
         """One Measurement per scan, with the motion over all odometry records since the last."""

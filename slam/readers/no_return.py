@@ -52,6 +52,7 @@ class NoReturnSearch:
 
     _cells: IntArray = field(default_factory=lambda: np.zeros(_CELLS, dtype=np.int64))
     _piles: dict[int, _Piles] = field(default_factory=dict)
+    _least_m: float = math.inf
 
     def add(
         self, ranges_m: FloatArray, step_rad: float, position: tuple[float, float] | None
@@ -62,6 +63,7 @@ class NoReturnSearch:
         if len(seen_m) == 0:
             return
         self._cells += np.bincount(_cells_of(seen_m), minlength=_CELLS)
+        self._least_m = min(self._least_m, float(seen_m.min()))
         top_m = float(seen_m.max())
         is_top = np.isfinite(ranges_m) & (ranges_m >= NO_RETURN_SHARE * top_m)
         # of those within half a metre, the pile itself among them
@@ -90,6 +92,11 @@ class NoReturnSearch:
             if piles.count >= _FEWEST_SEEN and self._is_last(cell)
         ]
         return NO_RETURN_SHARE * min(codes_m, default=math.inf)
+
+    @property
+    def is_blind(self) -> bool:
+        """Whether no beam of any scan came back."""
+        return self._least_m >= self.no_return_m
 
     def _is_last(self, cell: int) -> bool:
         """Whether next to no beam went farther."""

@@ -148,6 +148,7 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
         scan_count=len(stamps_s),
         records=LogRecords(len(stamps_s), partial(_records, path, config, sweeps)),
         noise=config.covariance,
+        is_blind=codes.is_blind,
         wheels=config.wheels,
         with_wheels=lambda wheels: read_ticks(path, config.with_wheels(wheels)),
     )

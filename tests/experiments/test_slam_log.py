@@ -224,11 +224,16 @@ def test_rover_is_mapped_by_the_wheels_that_its_drive_shows(tmp_path):
 
 def test_log_whose_laser_tells_nothing_is_refused_and_leaves_the_folder_as_it_was(tmp_path, capsys):
     log, out = tmp_path / "blind.clf", tmp_path / "out"
-    line = " ".join(["FLASER", "180", *["81.83"] * 180, *["0"] * 6, "{}", "host", "{}"])
-    log.write_text("\n".join(line.format(k, k) for k in range(3)) + "\n")
-    assert "no beam of the scans tells anything" in refusal(
-        capsys, "slam", str(log), "--out", str(out)
-    )
+    for range_m in ("81.83", "nan", "0.0", "4000"):
+        line = " ".join(["FLASER", "180", *[range_m] * 180, *["0"] * 6, "{}", "host", "{}"])
+        log.write_text("\n".join(line.format(k, k) for k in range(3)) + "\n")
+        said = "blind.clf: none of the 3 scans has a beam that came back: "
+        for command in (
+            ("slam", log),
+            ("real-log", log, "--protocol", "each", "--reference", REFERENCE),
+            ("real-log", log, "--reference", REFERENCE),
+        ):
+            assert refusal(capsys, *command, "--out", out).startswith(said), range_m
     assert not out.exists()
 
 

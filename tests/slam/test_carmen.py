@@ -36,7 +36,7 @@ def written(tmp_path: Path, *lines: str) -> Path:
     return path
 
 
-RANGES = [1.0] * 180
+RANGES = [1.0] * 179 + [1.1]  # all alike would be no return
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,26 @@ def test_few_scans_tell_of_no_code():
     assert 1.9 < found_m(ranges_at(ROOM_SEGMENTS, poses, 2.0), None) < 2.0
 
 
+@pytest.mark.parametrize("range_m", [8.18, math.nan, 0.0, 90.0])
+def test_carmen_log_in_which_nothing_came_back_is_blind(tmp_path, range_m):
+    lines = [front_laser(np.full(361, range_m), pose, float(i)) for i, pose in enumerate(ALONG)]
+    log = read_carmen(written(tmp_path, *lines))
+    with pytest.raises(
+        ValueError, match=r"^a\.clf: none of the 40 scans has a beam that came back"
+    ):
+        log.check_sees()
+    one_m = front_laser(np.where(np.arange(361) < 1, 1.0, range_m), ALONG[0], 99.0)
+    assert not read_carmen(written(tmp_path, *lines, one_m)).is_blind
+
+
+def test_so_is_a_log_of_ticks(tmp_path):
+    path = Path(tmp_path) / "a.dat"
+    path.write_text(f"{line(0, 0, 0, (0, 7, 5600))}\n{line(1, 0, 0, (0, 0, 0))}\n")
+    assert read_ticks(path).is_blind
+    path.write_text(f"{line(0, 0, 0, (0, 7, 5500))}\n{line(1, 0, 0, (0, 0, 0))}\n")
+    assert not read_ticks(path).is_blind
+
+
 def robot_laser(ranges_m: np.ndarray, pose: SE2, time_s: float) -> str:
     """A line that announces a maximum of 81.92 m."""
     facts = f"0 {-math.pi / 2} {math.pi} {STEP_RAD} 81.92 0.01 0"
