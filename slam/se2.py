@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 # Below this angle the closed forms of exp and log lose digits to cancellation; the series' next
 # term is angle**4 / 720, under 1e-18 here.
 _SMALL_ANGLE_RAD = 1e-4
+FARTHEST_M = 1e8
+"""Coordinates in files beyond it are faults. Chosen: twice around the earth; 1e10 makes matrices
+singular."""
 
 
 @overload

@@ -13,6 +13,7 @@ RAWLASER1 to RAWLASER4: as far as the remissions, and no poses
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,7 +23,7 @@ from slam.arrays import FloatArray
 from slam.measurements import LaserScan
 from slam.readers.lines import numbers
 from slam.readers.no_return import NO_RETURN_SHARE
-from slam.se2 import SE2
+from slam.se2 import FARTHEST_M, SE2
 
 LASERS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "RAWLASER2", "RAWLASER3", "RAWLASER4")
 """By preference: a log often has the same scan as several of them; the first tell the odometry."""
@@ -94,7 +95,7 @@ def odometry_of(fields: list[str], place: str) -> tuple[float, SE2]:
     if len(fields) < _ODOM_FIELDS:
         raise ValueError(f"{place}: ODOM has {_ODOM_FIELDS} fields, found {len(fields)}")
     x, y, theta, time_s = _finite([*fields[1:4], fields[-3]], place)
-    return time_s, SE2(x, y, theta)
+    return time_s, _pose((x, y, theta), place)
 
 
 def laser_of(fields: list[str], place: str, fan: Fan) -> LaserLine:
@@ -114,7 +115,8 @@ def _flaser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     *poses, time_s = _finite([*fields[2 + found : 8 + found], fields[-3]], place)
     angles_rad = _angles_of_count(found, place, fan)
     _mark(ranges_m, min(fan.range_max_m, fan.no_return_m))
-    return LaserLine(time_s, angles_rad, ranges_m, SE2(*poses[3:]), SE2(*poses[:3]))
+    of_base, of_laser = _pose(poses[3:], place), _pose(poses[:3], place)
+    return LaserLine(time_s, angles_rad, ranges_m, of_base, of_laser)
 
 
 def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
@@ -143,7 +145,8 @@ def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     angles_rad = _angles(count, first_rad, step_rad)
     if not poses:
         return LaserLine(time_s, angles_rad, ranges_m, None, None)
-    return LaserLine(time_s, angles_rad, ranges_m, SE2(*facts[8:]), SE2(*facts[5:8]))
+    of_base, of_laser = _pose(facts[8:], place), _pose(facts[5:8], place)
+    return LaserLine(time_s, angles_rad, ranges_m, of_base, of_laser)
 
 
 def _poses_of(rest: list[str], is_robot: bool) -> list[str] | None:
@@ -202,6 +205,16 @@ def _angles(count: int, first_rad: float, step_rad: float) -> FloatArray:
     angles_rad = np.asarray(first_rad + step_rad * np.arange(count))
     angles_rad.flags.writeable = False
     return angles_rad
+
+
+def _pose(values: Sequence[float], place: str) -> SE2:
+    x, y, theta = values
+    if max(abs(x), abs(y), abs(theta)) > FARTHEST_M:
+        raise ValueError(
+            f"{place}: a pose of {x:g} {y:g} {theta:g}; expected metres and radians, none beyond"
+            f" {FARTHEST_M:g}: the line is damaged, take it out"
+        )
+    return SE2(x, y, theta)
 
 
 def _finite(fields: list[str], place: str) -> list[float]:

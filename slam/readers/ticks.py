@@ -22,11 +22,13 @@ from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.sweep_clock import rhythm
-from slam.se2 import SE2
+from slam.se2 import FARTHEST_M, SE2
 
 FIRST_RANGE = 24
 """The field where the ranges begin."""
 _TIME, _LEFT, _RIGHT = 0, 2, 3
+_LATEST_S = 1e12
+"""Chosen: thirty thousand years, of whatever epoch."""
 _ERROR_CODES_MM = 20.0
 """A URG-04LX writes numbers below 20 for what it could not measure; 0 is nothing within its reach."""
 
@@ -187,8 +189,16 @@ def _line(fields: list[str], place: str, config: TicksConfig) -> _TicksLine:
     values = np.array(numbers(fields[: _RIGHT + 1] + fields[FIRST_RANGE:], place))
     if not np.isfinite(values).all():
         raise ValueError(f"{place}: a stamp, ticks or a range are not finite")
+    time_s, ticks = float(values[_TIME]) / 1e6, values[[_LEFT, _RIGHT]]
+    travel_m = config.drive.wheel_travel_m(ticks)
+    if abs(time_s) > _LATEST_S or np.abs(travel_m).max() > FARTHEST_M:
+        raise ValueError(
+            f"{place}: {fields[_TIME]} us, and ticks {fields[_LEFT]} and {fields[_RIGHT]}; expected"
+            f" no stamp beyond {_LATEST_S:g} s, and no wheel to roll {FARTHEST_M:g} m: the line is"
+            " damaged, take it out"
+        )
     ranges_mm = values[_RIGHT + 1 :]
     ranges_m = ranges_mm / 1000.0
     ranges_m[ranges_mm < _ERROR_CODES_MM] = np.nan
     ranges_m[(ranges_mm == 0.0) | (ranges_m >= config.range_max_m)] = np.inf
-    return _TicksLine(float(values[_TIME]) / 1e6, values[[_LEFT, _RIGHT]], ranges_m)
+    return _TicksLine(time_s, ticks, ranges_m)

@@ -193,6 +193,8 @@ GOOD = flaser(RANGES, SE2.identity(), 1.0)
         ("ODOM 1.0 2.0 0.", "ODOM has 10 fields, found 4"),
         (GOOD.replace("180 1.0", "180 1.0x"), "could not convert string to float: '1.0x'"),
         (odom(math.nan, 0.0, 0.0, 1.0), "a pose or a stamp is not finite"),
+        (odom(1e300, 0.0, 0.0, 1.0), r"a pose of 1e\+300 0 0; expected metres and radians, .*"),
+        (flaser(RANGES, SE2(0.0, -1e9, 0.0), 1.0), r"a pose of 0 -1e\+09 0; expected metres .*"),
     ],
 )
 def test_broken_line_is_named_in_one_line(tmp_path, last_line, message):

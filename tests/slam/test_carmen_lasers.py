@@ -150,6 +150,10 @@ def test_scans_alone_make_motions_of_which_nothing_is_known(tmp_path):
             r"RAWLASER1 has 5 beams, 0\.2 rad apart, in a view of 0\.4 rad: they do not fit",
         ),
         (raw_laser(1.0).replace("-0.2", "nan"), "a pose or a stamp is not finite"),
+        (
+            robot_laser(1.0, SE2(2e8, 0.0, 0.0), SE2.identity()),
+            r"a pose of 2e\+08 0 0; expected metres and radians, none beyond 1e\+08: .*",
+        ),
         (raw_laser(1.0).replace("3.0", "three"), "could not convert string to float: 'three'"),
     ],
 )
