@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
-from slam.se2 import SE2
+from slam.se2 import FARTHEST_M, SE2
 from slam.whole_files import write_whole
 
 MapMode = Literal["trinary", "scale", "raw"]
@@ -175,7 +175,13 @@ def _origin(fields: dict[object, object], path: Path) -> SE2:
     origin = _field(fields, "origin", path)
     if not isinstance(origin, list) or len(origin) != 3:
         raise ValueError(f"{path.name}: origin must be a list of x, y and yaw, not {origin!r}")
-    return SE2(*(_finite(value, "origin", path) for value in origin))
+    x, y, yaw = (_finite(value, "origin", path) for value in origin)
+    if max(abs(x), abs(y), abs(yaw)) > FARTHEST_M:
+        raise ValueError(
+            f"{path.name}: origin must be x and y in metres and a yaw in radians, none beyond"
+            f" {FARTHEST_M:g}, not {origin!r}; give where the lower left corner of the map lies"
+        )
+    return SE2(x, y, yaw)
 
 
 def _mode(fields: dict[object, object], path: Path) -> MapMode:

@@ -177,6 +177,7 @@ def test_thirty_two_bits_are_refused(tmp_path):
         ({"origin": 0.0}, "origin must be a list"),
         ({"origin": [0.0, "left", 0.0]}, "origin must be a number, not 'left'"),
         ({"origin": [0.0, math.inf, 0.0]}, "origin must be a number"),
+        ({"origin": [1e300, 0.0, 0.0]}, r"origin must be x and y in metres .* beyond 1e\+08, not"),
         ({"negate": 2}, "negate must be 0 or 1, true or false, not '2'"),
         ({"negate": [0]}, "negate must be 0 or 1"),
         ({"mode": "grey"}, "mode must be trinary, scale or raw, not 'grey'"),
