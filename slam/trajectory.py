@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray, frozen_array
-from slam.se2 import wrap_angle
+from slam.se2 import FARTHEST_M, wrap_angle
 from slam.whole_files import write_whole
 
 _UNIT_TOLERANCE = 0.01
@@ -117,6 +117,8 @@ def _tum_row(fields: list[str], place: str) -> tuple[float, float, float, float]
     if not all(map(math.isfinite, values)):
         raise ValueError(f"{place}: a number is not finite")
     time_s, x, y, _, qx, qy, qz, qw = values
+    if max(abs(x), abs(y)) > FARTHEST_M:
+        raise ValueError(f"{place}: at {x:g} {y:g}; expected metres, none beyond {FARTHEST_M:g}")
     if abs(qx**2 + qy**2 + qz**2 + qw**2 - 1.0) > _UNIT_TOLERANCE:
         raise ValueError(f"{place}: the quaternion {qx} {qy} {qz} {qw} is not of length 1")
     yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
