@@ -17,6 +17,8 @@ _SHIFT_M = 0.2
 _LEAST_SHARE = 0.0004
 """Chosen: the least of 600 scans of two real buildings that found their pose was 0.0005; corridors
 in which scans slid have none."""
+_LEAST_FACING = 0.005
+"""Chosen: one of 200 points on a surface that faces along it."""
 _MOST_POINTS = 200
 _SQRT2 = math.sqrt(2.0)
 _LEAST_EXTENT_M = 0.1
@@ -30,8 +32,8 @@ def held(
 
     points_base: (N, 2) [m]. Along an open direction the prediction stands: one along which the mean
     squared distance to the map is less curved than 0.04 % of the points on a wall across would
-    make it, by shifts and turns of 0.2 m to either side. A single wall, a corridor without an end,
-    a round wall all around.
+    make it, by shifts and turns of 0.2 m to either side; or where that leaves none open, one along
+    which no surface faces. A single wall, a corridor without an end, a round wall all around.
     """
     if len(points_base) < 3 or len(point_map) == 0:
         return T_predicted, True
@@ -40,27 +42,49 @@ def held(
     lever_m = math.sqrt(float(np.mean(np.sum((points - centre) ** 2, axis=1))))
     if lever_m < _LEAST_EXTENT_M:
         return T_predicted, True
-    rise = _rise_of(T_map_base @ points, lever_m, point_map)
-    shares, directions = np.linalg.eigh(_curvature(rise))
-    # round walls bend the form over so wide a shift: what it takes for open is looked at itself
-    is_open = np.array(
-        [
-            share < _LEAST_SHARE and rise(direction) < _LEAST_SHARE
-            for share, direction in zip(shares, directions.T, strict=True)
-        ]
-    )
-    if not is_open.any():
+    points_map = T_map_base @ points
+    open_ways = _open_to_shifts(points_map, lever_m, point_map)
+    if not len(open_ways):
+        open_ways = _open_to_normals(points_map, lever_m, point_map)
+    if not len(open_ways):
         return T_map_base, False
     centre_predicted = (T_predicted @ centre[np.newaxis])[0]
     moved_m = np.append(
         (T_map_base @ centre[np.newaxis])[0] - centre_predicted,
         lever_m * wrap_angle(T_map_base.theta - T_predicted.theta),
     )
-    for direction in directions.T[is_open]:
+    for direction in open_ways:
         moved_m -= direction * (direction @ moved_m)
     turned = SE2(0.0, 0.0, T_predicted.theta + moved_m[2] / lever_m)
     x, y = centre_predicted + moved_m[:2] - (turned @ centre[np.newaxis])[0]
     return SE2(x, y, turned.theta), True
+
+
+def _open_to_shifts(points_map: FloatArray, lever_m: float, point_map: PointMap) -> FloatArray:
+    """(D, 3) unit directions along which shifts of the points (N, 2) bring them no farther off."""
+    rise = _rise_of(points_map, lever_m, point_map)
+    shares, directions = np.linalg.eigh(_curvature(rise))
+    # round walls bend the form over so wide a shift: what it takes for open is looked at itself
+    is_open = [
+        share < _LEAST_SHARE and rise(direction) < _LEAST_SHARE
+        for share, direction in zip(shares, directions.T, strict=True)
+    ]
+    return np.asarray(directions.T[np.array(is_open)])
+
+
+def _open_to_normals(points_map: FloatArray, lever_m: float, point_map: PointMap) -> FloatArray:
+    """(D, 3) unit directions along which no surface faces that the points (N, 2) lie on.
+
+    So wide a shift may bring points to a surface that none of them has met, or show a circle's
+    facets. A surface faces as the map's points about it spread least.
+    """
+    pairs = point_map.nearest(points_map, _SHIFT_M)
+    normals = point_map.normals(pairs.map_ids)
+    offsets = points_map[pairs.scan_ids] - points_map.mean(axis=0)
+    turns = (offsets[:, 0] * normals[:, 1] - offsets[:, 1] * normals[:, 0]) / lever_m
+    facing = np.column_stack([normals, turns])
+    shares, directions = np.linalg.eigh(facing.T @ facing / len(points_map))
+    return np.asarray(directions.T[shares < _LEAST_FACING])
 
 
 Rise = Callable[[FloatArray], float]

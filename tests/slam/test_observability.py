@@ -52,7 +52,6 @@ def followed(name, matcher, segments, true, off, mount=LASER, count=5):
 
 
 BLIND = ["paper", "open3d", "fast", "limit"]
-FACETS = "240 degrees of a circle: the share of the heading is 2e-4 to 4.4e-4, held() wants 4e-4"
 
 
 @pytest.mark.parametrize(
@@ -96,9 +95,8 @@ def test_single_wall_is_never_matched_and_holds_what_it_can(name, of_wall):
 @pytest.mark.parametrize(
     "name",
     [
-        # known: what `held` looks at cannot tell half a view of a circle from a faint hold
-        pytest.param("paper", marks=pytest.mark.xfail(strict=True, reason=FACETS)),
-        pytest.param("open3d", marks=pytest.mark.xfail(strict=True, reason=FACETS)),
+        "paper",
+        "open3d",
         "fast",
         "limit",
     ],
