@@ -11,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray, checked_points, frozen_array
 
-
 _ABOUT = 7
 """Chosen: points that show how a surface faces, it and three to either side."""
 
