@@ -103,6 +103,8 @@ class SegmentMap:
             beams.origins_m, beams.directions, beams.angles_rad, beams.middle_m, beams.spread_m,
             range_max_m, _MARGIN_M, beside,
         )  # fmt: skip
+        # read-only as the whole map's: to numba that is a type, and each kernel would be compiled twice
+        part.sigma_m.flags.writeable = False
         return part
 
     def ranges(

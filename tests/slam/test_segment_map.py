@@ -1,5 +1,6 @@
 """The ranges that a map of walls gives, against trying each beam with each wall."""
 
+import numba
 import numpy as np
 import pytest
 
@@ -208,3 +209,12 @@ def test_beams_of_another_shape_are_refused():
         Beams(np.zeros((2, 2)), np.zeros(3), np.zeros(3))
     with pytest.raises(ValueError, match="ranges_m"):
         Beams(np.zeros((3, 2)), np.zeros(3), np.zeros(2))
+
+
+def test_part_of_a_map_is_of_the_same_types_to_compiled_code_as_the_whole():
+    # a writable array beside a read-only one had the likelihood's kernels compiled twice, 4 s late
+    whole = SegmentMap(ROOM_SEGMENTS)
+    part = whole.seen_from(fan(ANGLES_RAD), ROOM_CENTRE, 8.0)
+    assert 0 < len(part) < len(whole)
+    for name in ("vertices", "walls", "normals", "sigma_m"):
+        assert numba.typeof(getattr(part, name)) == numba.typeof(getattr(whole, name))
