@@ -17,7 +17,6 @@ from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.verdict_limits import VerdictLimits
 
-
 _HOPELESS = 0.15
 """Chosen: of beams through walls a few centimetres from where the robot is, which no obstacle makes."""
 
