@@ -113,7 +113,7 @@ class Guard:
     def carried_off(self, look: Look, step: Step) -> Judgement | None:
         """While tracking, before any match: that the robot is plainly elsewhere; None where not.
 
-        Where the wheels lead the scan fits as it would anywhere, and the search of the map, which
+        Where the wheels lead less than half of it fits as is usual, and the search of the map, which
         looks there too, keeps no place near by, but one that is surely more likely. To match such a
         scan from there is vain, and takes several times as long as the search. Where the map is poor
         a match that jumps is asked, since one scan that fits elsewhere does not tell.
@@ -127,7 +127,8 @@ class Guard:
             return None
         limits = self._usual.limits_here(beams)
         evidence = self.relocalizer.at(beams, T_predicted).evidence
-        if evidence.inlier_ratio >= limits.wrong_inlier_ratio:
+        fits = max(limits.wrong_inlier_ratio, 0.5 * limits.usual_inlier_ratio)
+        if evidence.inlier_ratio >= fits:
             return None
         found = self._looked(look)
         if not found.places or not found.beats(T_predicted, beams):
