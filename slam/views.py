@@ -40,12 +40,11 @@ class Glance(NamedTuple):
 
     def view(self, T_map_keyframe: SE2) -> View:
         """Where the keyframe is at a pose."""
-        return View(
-            T_map_keyframe @ self.T_keyframe_base,
-            self.origin_m,
-            self.angles_rad.astype(np.float64),
-            self.ranges_m.astype(np.float64),
-        )
+        angles_rad, ranges_m = self.angles_rad.astype(np.float64), self.ranges_m.astype(np.float64)
+        # read-only as those of beams: to numba that is a type, and kernels would be compiled twice
+        angles_rad.flags.writeable = ranges_m.flags.writeable = False
+        T_map_base = T_map_keyframe @ self.T_keyframe_base
+        return View(T_map_base, self.origin_m, angles_rad, ranges_m)
 
 
 class Glances:
