@@ -28,7 +28,8 @@ class UnmappedConfig:
     before_m: what ends farther before a wall is not the wall. aside_m, aside_rad: by as much as
     either the match without such beams is another. away_m, away_rad: farther than either an obstacle
     draws none. min_share: of the beams that have to meet their walls all the same, if more do at no
-    wrong place; min_explained: of those that do not end before them. slack: of the share that goes through walls, more than usual. Chosen, all of these.
+    wrong place; min_explained: of those that do not end before them. slack: of the share that goes
+    through walls, more than usual. Chosen, all of these.
     """
 
     before_m: float = 0.06
