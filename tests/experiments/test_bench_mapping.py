@@ -17,7 +17,8 @@ def test_cost_of_mapping_a_log_is_told_stage_by_stage(tmp_path, capsys):
     assert 0.0 < cost["slowest_update_s"] < cost["with_loops_s"] < cost["with_finishing_s"]
     # another run, and its time is that of some milliseconds a scan
     assert 0.0 < cost["front_end_s"] < 2.0 * cost["with_loops_s"]
-    assert cost["memory_mb"] is None or cost["memory_mb"] > 0.0
+    # twenty scans may find room in what the process holds already
+    assert cost["memory_mb"] is None or 0.0 <= cost["memory_mb"] < 150.0
     assert "front end alone" in capsys.readouterr().out
 
 
