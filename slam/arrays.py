@@ -38,3 +38,10 @@ def checked_points(points: ArrayLike, name: str) -> FloatArray:
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite; use LaserScan.points, which drops no-returns")
     return array
+
+
+def run_lengths(flags: BoolArray) -> IntArray:
+    """(R,) how many neighbours are True in each run of such, in their order."""
+    padded = np.concatenate([[False], flags, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)

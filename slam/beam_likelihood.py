@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import FloatArray, IntArray
+from slam.arrays import FloatArray, IntArray, run_lengths
 from slam.beams import Beams
 from slam.kernels.beam_likelihood import (
     BEHIND,
@@ -233,7 +233,8 @@ def _matched(
     missing_ratio = 0.0
     if segment_map.is_exact and behind_ratio > _MISSING_AT_ALL:
         is_passed = _is_passed(beams, segment_map, SE2.from_array(pose), predicted, hit_walls)
-        missing_ratio = _in_runs(is_passed) / max(used, 1)
+        runs = run_lengths(is_passed)
+        missing_ratio = float(runs[runs >= _RUN].sum()) / max(used, 1)
     return BeamMatch(
         T_map_base=SE2(pose[0], pose[1], pose[2]),
         information=information,
@@ -260,13 +261,6 @@ def _is_passed(
     with np.errstate(invalid="ignore"):
         beyond_m = (beams.ranges_m - ranges_m) * cosines
     return np.asarray(beams.is_hit & (walls >= 0) & (beyond_m > _PASSED_M))
-
-
-def _in_runs(is_passed: NDArray[np.bool_]) -> int:
-    """How many are True with enough of their neighbours."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], is_passed.astype(np.int8), [0]])))
-    lengths = edges[1::2] - edges[::2]
-    return int(lengths[lengths >= _RUN].sum())
 
 
 def fisher_information(

@@ -26,8 +26,8 @@ class HypothesesConfig:
     margin a place must be better than one believed, beaten_scans: through how many scans in a row.
     min_margin, min_share: of log-likelihood, by which the next best place must be worse, and as a
     share of what the best leaves unexplained. min_margin_per_view: more of it for each view after
-    the first: where a map made of scans or cells errs, it does so in all views alike. max_unexplained: more than that is sure of nothing.
-    strange_views: instead of min_views where more is left unexplained than usual, by people or by
+    the first: where a map made of scans or cells errs, it does so in all views alike.
+    max_unexplained: more than that is sure of nothing. strange_views: instead of min_views where more is left unexplained than usual, by people or by
     another building, or where beams went through walls, by so much more than is usual as slack;
     where both is so, nothing is sure. 0: not asked. around_m, around_rad: between the first of these
     views and the last the robot went or turned so far.

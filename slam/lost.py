@@ -17,7 +17,7 @@ from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.slip import SlipConfig, SlipMonitor
 from slam.unmapped import UnmappedConfig, UnmappedObstacle
-from slam.usual_fit import UsualFit, UsualFitConfig
+from slam.usual_fit import BestHere, UsualFit, UsualFitConfig
 from slam.verdict import Judgement, Status, Verdict
 
 _ELSEWHERE = "carried away: the scan fits another place far better"
@@ -70,7 +70,7 @@ class Guard:
         self._obstacle = UnmappedObstacle(relocalizer, self.config.unmapped)
         self._search, self._views = self._lost_search(), LastViews(self._hypotheses())
         self._unexplained = self._beaten = 0
-        self._checked: tuple[float, SE2] | None = None
+        self._best_here = BestHere(self.config.recheck_drop, self.config.recheck_m)
         self._found: tuple[Look, Hypotheses] | None = None
 
     @property
@@ -210,7 +210,7 @@ class Guard:
                 if found.has_other(fit.T_map_base):
                     return self._lost(found, (_MOVED, *reasons), fit.match, look.time_s)
             return Judgement(Verdict(Status.UNSURE, reasons), fit.match)
-        if fit.misfits and not self._is_checked(fit):
+        if fit.misfits and not self._best_here.holds(fit.evidence.inlier_ratio, fit.T_map_base):
             return None
         self._unexplained = 0
         if self.relocalizer.segment_map.is_exact:
@@ -289,7 +289,7 @@ class Guard:
             )
         self._unexplained = 0
         # worse than usual, but best explained where the robot believes to be: people in the way
-        self._checked = fit.evidence.inlier_ratio, fit.T_map_base
+        self._best_here.take(fit.evidence.inlier_ratio, fit.T_map_base)
         if len(fit.misfits) > 1 and self.relocalizer.segment_map.is_exact:
             # people hide walls; that beams go through them as well is another building's
             return Judgement(Verdict(Status.UNSURE, fit.misfits), fit.match)
@@ -329,23 +329,14 @@ class Guard:
         time_s: float,
     ) -> Judgement:
         """Lost from now on; the match is what the pose becomes."""
-        self.is_lost, self._checked = True, None
+        self.is_lost = True
+        self._best_here.clear()
         self._obstacle.clear()
         self._unexplained = self._beaten = 0
         self._slip.clear()
         self._search, self._views = self._lost_search(found, time_s), LastViews(self._hypotheses())
         verdict = Verdict(Status.LOST, reasons, found.places)
         return Judgement(verdict, match, is_restart=match is not None)
-
-    def _is_checked(self, fit: Fit) -> bool:
-        """Whether a search has lately found that such a scan fits best where the robot is."""
-        if self._checked is None:
-            return False
-        inlier_ratio, T_then = self._checked
-        T_now = fit.T_map_base
-        went_m = math.hypot(T_now.x - T_then.x, T_now.y - T_then.y)
-        is_worse = fit.evidence.inlier_ratio < inlier_ratio - self.config.recheck_drop
-        return not is_worse and went_m < self.config.recheck_m
 
     def _jump(self, match: ScanMatch, step: Step) -> str | None:
         config = self.config

@@ -79,14 +79,12 @@ class PoseLookup:
         )
         poses = self._blended(forward, backward, asked_s, before, after)
         is_torn = self._is_torn(forward, backward, before, after)
-        since, until = between(at_poses[before], at_asked), between(at_asked, at_poses[after])
-        is_first = _length(since) <= _length(until)
-        poses[is_torn] = np.where(is_first[:, np.newaxis], forward, backward)[is_torn]
+        since_m = _length(between(at_poses[before], at_asked))
+        until_m = _length(between(at_asked, at_poses[after]))
+        poses[is_torn] = np.where((since_m <= until_m)[:, np.newaxis], forward, backward)[is_torn]
         since_s, until_s = asked_s - self._times_s[before], self._times_s[after] - asked_s
-        is_flown = (_length(since) > _TORN_M + _FASTEST_MPS * np.abs(since_s)) & (
-            _length(until) > _TORN_M + _FASTEST_MPS * np.abs(until_s)
-        )
-        poses[is_flown] = np.nan
+        least_m = [_TORN_M + _FASTEST_MPS * np.abs(away_s) for away_s in (since_s, until_s)]
+        poses[(since_m > least_m[0]) & (until_m > least_m[1])] = np.nan
         beyond_s = np.maximum(self._times_s[0] - asked_s, asked_s - self._times_s[-1])
         poses[beyond_s > self.max_gap_s] = np.nan
         return poses

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from slam.beams import Beams
 from slam.evidence import Evidence
 from slam.relocalization import Relocalizer
+from slam.se2 import SE2
 from slam.verdict_limits import VerdictLimits
 
 _MEMORY = 50
@@ -87,3 +89,31 @@ class UsualFit:
         if not self._relocalizer.segment_map.is_exact:
             return False
         return evidence.violation_ratio > 2.0 * limits.usual_violation_ratio + self.config.slack
+
+
+class BestHere:
+    """The last scan that a search of the map found to fit best where the robot believes to be.
+
+    It is not searched for again before one fits so much worse (drop, a share of the beams), or the
+    robot went so far (way_m).
+    """
+
+    def __init__(self, drop: float, way_m: float) -> None:
+        self._drop, self._way_m = drop, way_m
+        self._found: tuple[float, SE2] | None = None
+
+    def take(self, inlier_ratio: float, T_map_base: SE2) -> None:
+        """Notes what was found."""
+        self._found = inlier_ratio, T_map_base
+
+    def clear(self) -> None:
+        """Forgets it: the robot is elsewhere."""
+        self._found = None
+
+    def holds(self, inlier_ratio: float, T_map_base: SE2) -> bool:
+        """Whether it tells of a scan as well."""
+        if self._found is None:
+            return False
+        then, T_then = self._found
+        went_m = math.hypot(T_map_base.x - T_then.x, T_map_base.y - T_then.y)
+        return inlier_ratio >= then - self._drop and went_m < self._way_m

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.arrays import FloatArray, IntArray, run_lengths
 
 NO_RETURN_SHARE = 0.9985
 """Of a sensor's maximum: SICK units say 81.83 to 81.91 of 81.92 m, 8.183 of 8.192 m for no return or
@@ -69,7 +69,7 @@ class NoReturnSearch:
         # of those within half a metre, the pile itself among them
         if 2 * np.count_nonzero(is_top) <= np.count_nonzero(seen_m >= top_m - _BELOW_M):
             return
-        beside = _longest_run(is_top)
+        beside = int(run_lengths(is_top).max(initial=0))
         if beside >= _FEWEST_BESIDE:
             self._note(top_m, beside * step_rad > _WIDE_RAD, position)
 
@@ -106,10 +106,3 @@ class NoReturnSearch:
 
 def _cells_of(ranges_m: FloatArray | float) -> IntArray:
     return np.rint(np.minimum(ranges_m, _CELLS) * _CELLS_PER_M).clip(0, _CELLS - 1).astype(np.int64)
-
-
-def _longest_run(flags: BoolArray) -> int:
-    """Of neighbours that are True."""
-    padded = np.concatenate([[False], flags, [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -13,18 +13,12 @@ from experiments.rehearsal import rehearse, told_if_long
 from experiments.runs import Run
 
 CODE = """
-import importlib, pkgutil, sys
+import sys
 from dataclasses import replace
-import slam.kernels
 from experiments.rehearsal import rehearse
 from experiments.runs import trial_result
 from experiments.trials import TrialConfig
-
-def loaded():
-    modules = [m.name for m in pkgutil.iter_modules(slam.kernels.__path__)]
-    modules = [importlib.import_module(f"slam.kernels.{name}") for name in modules]
-    found = [vars(module).values() for module in modules]
-    return {(f.__name__, s) for values in found for f in values for s in getattr(f, "signatures", ())}
+from tests.slam.compiled import loaded
 
 experiment, place, methods = sys.argv[1:]
 config = TrialConfig(poses="random", place=place, methods=tuple(methods.split(",")), people=1)

@@ -7,17 +7,10 @@ from pathlib import Path
 import pytest
 
 CODE = """
-import importlib, pkgutil
 import numpy as np
-import slam.kernels
 from slam import Mapper, warm_up
 from tests.slam import ring
-
-def loaded():
-    modules = [m.name for m in pkgutil.iter_modules(slam.kernels.__path__)]
-    modules = [importlib.import_module(f"slam.kernels.{name}") for name in modules]
-    found = [vars(module).values() for module in modules]
-    return {(f.__name__, s) for values in found for f in values for s in getattr(f, "signatures", ())}
+from tests.slam.compiled import loaded
 
 warm_up()
 before = loaded()
