@@ -13,6 +13,7 @@ from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.surface_map import faced
 from slam.surfel_grid import SurfelGrid
 
 _SHARED_M, _SHARED = 0.3, 0.3
@@ -29,6 +30,8 @@ _FLATTEST = 0.3**2
 _KERNEL = 6.0
 """As in `kernels.surfel_matching`."""
 _MIN_COSINE = 0.02
+_FACING_COSINE = 0.7
+"""Chosen: halfway between a surface and one across it."""
 _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 
@@ -109,8 +112,7 @@ class MetSurfaces:
         """
         if len(self.points) == 0:
             return np.zeros((3, 3))
-        x, y = self.points.T
-        rows = np.column_stack([self.normals, x * self.normals[:, 1] - y * self.normals[:, 0]])
+        rows = self._rows()
         weighted = rows * self.weights[:, np.newaxis]
         forms = weighted[:, :, np.newaxis] * rows[:, np.newaxis, :]
         information = forms.sum(axis=0) + _OPEN
@@ -123,6 +125,29 @@ class MetSurfaces:
         without = information - _LEVER * _sums(forms, at, _PATCH_M)
         steps = np.linalg.solve(without, pulls[:, :, np.newaxis])[:, :, 0]
         return np.asarray(_SHARED**2 * known + _PATCHES * steps.T @ steps)
+
+    def information(self) -> FloatArray:
+        """(3, 3) with which the surfaces hold the pose (base frame), as if each were right."""
+        rows = self._rows()
+        return np.asarray(rows.T @ (rows * self.weights[:, np.newaxis]))
+
+    def _rows(self) -> FloatArray:
+        """(N, 3) how each residual changes with the pose."""
+        x, y = self.points.T
+        return np.column_stack([self.normals, x * self.normals[:, 1] - y * self.normals[:, 0]])
+
+    def that_face_as_seen(self, seen_from: FloatArray) -> MetSurfaces:
+        """Those that the scan's own points show to face so; seen_from: (2,) [m], the laser.
+
+        Beside an edge the nearest surface is often not the one that was met.
+        """
+        facings_rad = faced(self.points, seen_from)[:, 2]
+        x, y = self.normals.T
+        is_so = np.abs(x * np.cos(facings_rad) + y * np.sin(facings_rad)) > _FACING_COSINE
+        return MetSurfaces(
+            self.points[is_so], self.normals[is_so], self.residuals_m[is_so], self.sigma_m[is_so],
+            self.weights[is_so],
+        )  # fmt: skip
 
 
 def _turned(normals: FloatArray, heading_rad: float) -> FloatArray:

@@ -17,7 +17,7 @@ from slam.kernels.normal_equations import widest
 from slam.laser_model import LaserModel
 from slam.lines import LineConfig, LineMap, match_lines
 from slam.map_errors import MetSurfaces
-from slam.observability import held
+from slam.observability import as_far_as_held
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.scan_match import IcpStep, MatchStatus, RangeFit, ScanMatch
@@ -69,7 +69,7 @@ class PaperMatcher:
     def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
         """The pose at which step 5 ended."""
         match = match_scan(beams.points, self.point_map, T_predicted, self.config)
-        return _as_far_as_held(match, beams.points, self.point_map, T_predicted)
+        return as_far_as_held(match, beams, self.point_map, T_predicted)
 
 
 @dataclass(frozen=True)
@@ -90,19 +90,7 @@ class Open3dMatcher:
             repeats = self.range_noise.repeats(beams.ranges_m[beams.is_hit])
             points_base = np.repeat(points_base, repeats, axis=0)
         match = match_scan_coarse_to_fine(points_base, self.point_map, T_predicted, self.config)
-        return _as_far_as_held(match, beams.points, self.point_map, T_predicted)
-
-
-def _as_far_as_held(
-    match: ScanMatch, points_base: FloatArray, point_map: PointMap, T_predicted: SE2
-) -> ScanMatch:
-    """The match; where the scan leaves a direction open, the prediction along it, and no belief."""
-    if not match.is_matched:
-        return match
-    T_map_base, is_open = held(points_base, point_map, T_predicted, match.T_map_base)
-    if not is_open:
-        return match
-    return replace(match, T_map_base=T_map_base, status=MatchStatus.DEGENERATE)
+        return as_far_as_held(match, beams, self.point_map, T_predicted)
 
 
 @dataclass(frozen=True)
@@ -127,6 +115,11 @@ class VerdictConfig:
         """True where some direction, or the heading, is not known well enough to be believed."""
         sigma_m, sigma_rad = widest(information)
         return not (sigma_m <= self.max_sigma_m and sigma_rad <= self.max_sigma_rad)
+
+    def is_loose(self, information: FloatArray) -> bool:
+        """True where a few points may be all that holds some direction: ten times wider and it is open."""
+        sigma_m, sigma_rad = widest(information)
+        return not (10.0 * sigma_m <= self.max_sigma_m and 10.0 * sigma_rad <= self.max_sigma_rad)
 
     def are_walls_missing(self, inlier_ratio: float, behind_ratio: float) -> bool:
         """Whether more walls are missing than may have been taken away."""
@@ -223,6 +216,9 @@ class FastMatcher:
         if found.point_count < self.verdict.min_beams or not found.cost <= self.max_cost:
             return match
         sure = self.sure_of(beams, found.information)
+        if self.verdict.is_loose(sure):
+            met = MetSurfaces.of_points(beams, self.grid, self.laser.noise, found.T_map_base)
+            sure = self.sure_of(beams, met.that_face_as_seen(beams.middle_m).information())
         if self.verdict.is_open(sure):
             held_information = self.verdict.held(sure)
             return replace(match, status=MatchStatus.DEGENERATE, information=held_information)

@@ -11,9 +11,6 @@ from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray, checked_points, frozen_array
 
-_ABOUT = 7
-"""Chosen: points that show how a surface faces, it and three to either side."""
-
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
@@ -68,20 +65,6 @@ class PointMap:
         )
         scan_ids = np.flatnonzero(np.isfinite(distances_m))
         return Pairs(scan_ids, np.asarray(map_ids)[scan_ids])
-
-    def normals(self, map_ids: NDArray[np.intp]) -> FloatArray:
-        """(P, 2) unit normals of the surfaces on which map points lie, of either sign.
-
-        Across the line that the points about each spread along; any where it has no neighbour.
-        """
-        count = min(_ABOUT, len(self))
-        _, about = self._search_tree().query(self._points[map_ids], k=[*range(1, count + 1)])
-        spread = self._points[about] - self._points[about].mean(axis=1, keepdims=True)
-        xx, yy = np.sum(spread**2, axis=1).T
-        along_rad = 0.5 * np.arctan2(
-            2.0 * np.sum(spread[:, :, 0] * spread[:, :, 1], axis=1), xx - yy
-        )
-        return np.column_stack([-np.sin(along_rad), np.cos(along_rad)])
 
     def integrate(self, points_map: ArrayLike) -> None:
         """Adds the points, in their order, that have no map point nearer than the spacing.

@@ -11,6 +11,7 @@ from slam.observability import held
 from slam.point_map import PointMap
 from slam.scan_match import MatchStatus
 from slam.se2 import SE2
+from slam.surface_map import faced
 from tests.slam.all_methods import MODEL, SIGMA_M, localizer, matchers
 from tests.slam.synthetic import ROOM_CENTRE, ROOM_SEGMENTS, round_wall, sampled, scan_of
 
@@ -145,7 +146,7 @@ def test_room_holds_every_direction(name):
     [(CORRIDOR, SE2(0.3, 0.2, 0.0), 0), (WALL, SE2(0.5, 0.4, 0.0), 1), (CIRCLE, SE2(0, 0, 0), 2)],
 )
 def test_held_takes_the_prediction_along_the_open_direction_alone(segments, true, open_axis):
-    points = scan_of(segments, true, range_max_m=REACH_M).points(SE2.identity())
+    points = faced(scan_of(segments, true, range_max_m=REACH_M).points(SE2.identity()), np.zeros(2))
     point_map = PointMap(sampled(segments, 0.01), 0.01)
     slide = np.zeros(3)
     slide[open_axis] = 0.1
@@ -162,7 +163,7 @@ def test_held_takes_the_prediction_along_the_open_direction_alone(segments, true
 
 
 def test_held_leaves_a_pose_in_a_room_as_it_is():
-    points = scan_of(ROOM_SEGMENTS, ROOM_CENTRE).points(SE2.identity())
+    points = faced(scan_of(ROOM_SEGMENTS, ROOM_CENTRE).points(SE2.identity()), np.zeros(2))
     point_map = PointMap(sampled(ROOM_SEGMENTS, 0.01), 0.01)
     predicted = ROOM_CENTRE @ SE2(0.2, 0.2, 0.2)
     assert held(points, point_map, predicted, ROOM_CENTRE) == (ROOM_CENTRE, False)
@@ -171,9 +172,9 @@ def test_held_leaves_a_pose_in_a_room_as_it_is():
 def test_too_few_points_or_no_map_hold_nothing():
     point_map = PointMap(sampled(ROOM_SEGMENTS, 0.01), 0.01)
     predicted = SE2(1.0, 1.0, 0.0)
-    assert held(np.zeros((2, 2)), point_map, predicted, ROOM_CENTRE) == (predicted, True)
+    assert held(np.zeros((2, 3)), point_map, predicted, ROOM_CENTRE) == (predicted, True)
     empty = PointMap(np.empty((0, 2)), 0.01)
-    assert held(np.zeros((9, 2)), empty, predicted, ROOM_CENTRE) == (predicted, True)
+    assert held(np.zeros((9, 3)), empty, predicted, ROOM_CENTRE) == (predicted, True)
 
 
 def test_laser_model_reaches_beyond_what_these_scans_do():

@@ -76,12 +76,3 @@ def test_malformed_points_are_refused(points, message):
         PointMap(GRID, 0.1).nearest(points, 0.1)
     with pytest.raises(ValueError, match="spacing_m"):
         PointMap(GRID, 0.0)
-
-
-@pytest.mark.parametrize("heading", [0.0, 0.4, 1.2, np.pi / 2, 2.5])
-def test_normals_are_across_the_line_that_points_make(heading):
-    along = np.array([np.cos(heading), np.sin(heading)])
-    points = np.arange(50.0)[:, np.newaxis] * 0.05 * along + [1.0, -2.0]
-    normals = PointMap(points, 0.05).normals(np.array([0, 20, 49]))
-    assert normals @ along == pytest.approx(0.0, abs=1e-9)
-    assert np.hypot(*normals.T) == pytest.approx(1.0)
