@@ -4,17 +4,52 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import TextIO
+
+import numpy as np
 
 from experiments.slam_log import SlamLog
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray
 from slam.map_files import write_map
+from slam.mapping import MapperStep
 from slam.occupancy_grid import OccupancyGrid
 from slam.pose_graph import write_g2o
 from slam.ray_counts import TooManyCellsError
 from slam.slam_map import SlamMap
 from slam.slam_map_files import write_slam_map
-from slam.trajectory import tum_lines, write_tum
+from slam.trajectory import TUM_HEADER, Trajectory, tum_lines, write_tum
+
+
+class OnlinePoses:
+    """online.tum in a folder: the pose of each scan as it was when the scan had arrived, a line each,
+    there to be read (`tail -f`) before the next scan is looked at.
+
+    A log that is mapped twice, by other wheels, leaves the poses of the second time. Raises OSError if
+    it cannot write.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / "online.tum"
+        self._file: TextIO | None = None
+
+    def __enter__(self) -> OnlinePoses:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def add(self, index: int, step: MapperStep) -> None:
+        """One more scan is placed; index 0 begins anew."""
+        if index == 0 or self._file is None:
+            self.__exit__()
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self._path.open("w", encoding="utf-8")
+            self._file.write(TUM_HEADER + "\n")
+        pose = Trajectory(np.array([step.time_s]), step.T_map_base.as_array()[np.newaxis])
+        self._file.write(tum_lines(pose)[0] + "\n")
+        self._file.flush()
 
 
 def write_results(result: SlamLog, folder: Path) -> str:
@@ -63,7 +98,7 @@ def grid_or_reason(slam_map: SlamMap) -> tuple[OccupancyGrid | None, str]:
 
 
 def _sessions_tum(slam_map: SlamMap) -> str:
-    lines = ["# time_s x y z qx qy qz qw"]
+    lines = [TUM_HEADER]
     for number in range(slam_map.session_count):
         said = ", never joined with those before" if number in slam_map.unjoined else ""
         lines.append(f"# session {number + 1}{said}")

@@ -14,7 +14,7 @@ from slam.se2 import FARTHEST_M, wrap_angle
 from slam.whole_files import write_whole
 
 _UNIT_TOLERANCE = 0.01
-_TUM_HEADER = "# time_s x y z qx qy qz qw"
+TUM_HEADER = "# time_s x y z qx qy qz qw"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 
     Raises OSError when the folder cannot be written.
     """
-    lines = [_TUM_HEADER, *tum_lines(trajectory)]
+    lines = [TUM_HEADER, *tum_lines(trajectory)]
     write_whole(Path(path), ("\n".join(lines) + "\n").encode("utf-8"))
 
 

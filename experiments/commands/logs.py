@@ -11,6 +11,7 @@ from experiments.outputs import checked_folder
 from experiments.protocols import DEFAULT_METHOD
 
 if TYPE_CHECKING:
+    from slam.mapping import MapperStep
     from slam.se2 import SE2
 
 
@@ -145,8 +146,13 @@ def slam(
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
     checked_folder(out)
-    with SlamProgress(log.name) as progress:
-        result = slam_log.run(log, reference, relations, progress.update, known_map, T_start)
+    with SlamProgress(log.name) as progress, slam_files.OnlinePoses(out) as online:
+
+        def on_scan(index: int, scans: int, step: "MapperStep") -> None:
+            online.add(index, step)
+            progress.update(index, scans, step)
+
+        result = slam_log.run(log, reference, relations, on_scan, known_map, T_start)
     unwritten = slam_files.write_results(result, out)
     slam_map_picture(out, result)
     summary = result.summary()

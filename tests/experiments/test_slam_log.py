@@ -70,6 +70,23 @@ def test_points_are_the_map_s_in_a_file_that_others_read(folder):
     assert np.mean(off_m < 0.1) > 0.95
 
 
+def test_each_pose_is_there_to_be_read_when_its_scan_arrived(tmp_path, monkeypatch):
+    seen = []
+
+    def follow(_, index, scans, step):
+        read = read_tum(tmp_path / "online.tum")
+        seen.append((index, len(read), read.poses[-1], step.T_map_base.as_array()))
+
+    monkeypatch.setattr("experiments.progress.SlamProgress.update", follow)
+    assert main(["slam", str(LOG), "--out", str(tmp_path)]) == 0
+    assert [count for _, count, _, _ in seen] == [index + 1 for index, _, _, _ in seen]
+    for _, _, read, told in seen:
+        np.testing.assert_allclose(read, told, atol=1e-8)
+    # as it was then: loops closed later move the poses of the whole drive
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert len(read_tum(tmp_path / "online.tum")) == summary["scans"]
+
+
 def test_picture_is_there(folder):
     assert (folder / "slam.png").stat().st_size > 20_000
 
