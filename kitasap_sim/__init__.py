@@ -1,10 +1,13 @@
 """Kitasap2 in MuJoCo: the robot, its places, its sensors, and the truth about all of them.
 
-Nothing heavy is imported with the package: MuJoCo comes with `Simulation` and `Place`.
+Nothing heavy is imported with the package: MuJoCo comes with `Simulation` and `Place`. The driving
+tasks (`kitasap_sim.env`) are registered with Gymnasium: `gymnasium.make("Kitasap2/GoTo-v0")`.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from kitasap_sim.env import register_envs
 
 if TYPE_CHECKING:
     from kitasap_sim.hand import Kidnap, Operator, kidnap
@@ -51,3 +54,6 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'kitasap_sim' has no attribute '{name}'")
     return getattr(import_module(f"kitasap_sim.{_HOMES[name]}"), name)
+
+
+register_envs()

@@ -16,22 +16,31 @@ def ticks(wheel_angles_rad: np.ndarray, ticks_per_turn: int) -> np.ndarray:
 
 
 class DeadReckoning:
-    """The pose that the robot itself computes from its encoders and nominal geometry."""
+    """The pose that the robot itself computes from its encoders and nominal geometry.
+
+    moved_m: along the last arc, forward.
+    """
 
     def __init__(self, pose: np.ndarray, wheel_ticks: np.ndarray, robot: RobotSpec = KITASAP2):
         """pose: (3,) x, y [m], heading [rad] at the time of the counts (2,)."""
         self.pose = np.array(pose, dtype=float)
+        self.moved_m = 0.0
         self._robot = robot
-        self._ticks = np.array(wheel_ticks)
+        self._ticks = (int(wheel_ticks[0]), int(wheel_ticks[1]))
 
     def update(self, wheel_ticks: np.ndarray) -> np.ndarray:
         """(3,) the pose after the wheels turned to new counts (2,), along an exact arc."""
         turn_m = 2 * math.pi * self._robot.wheel_radius_m / self._robot.ticks_per_turn
-        left_m, right_m = (wheel_ticks - self._ticks) * turn_m
-        self._ticks = np.array(wheel_ticks)
-        turned, moved_m = (right_m - left_m) / self._robot.track_m, (left_m + right_m) / 2
+        (left, right), before = wheel_ticks.tolist(), self._ticks
+        self._ticks = (left, right)
+        left_m, right_m = (left - before[0]) * turn_m, (right - before[1]) * turn_m
+        turned, self.moved_m = (right_m - left_m) / self._robot.track_m, (left_m + right_m) / 2
         # the chord of the arc: sin(a/2) / (a/2) of its length, along its middle heading
-        chord_m = moved_m * np.sinc(turned / (2 * math.pi))
-        middle = self.pose[2] + turned / 2
-        self.pose += [chord_m * math.cos(middle), chord_m * math.sin(middle), turned]
+        half = turned / 2
+        chord_m = self.moved_m * (math.sin(half) / half if half else 1.0)
+        x, y, heading = self.pose.tolist()
+        middle = heading + half
+        self.pose = np.array(
+            [x + chord_m * math.cos(middle), y + chord_m * math.sin(middle), heading + turned]
+        )
         return self.pose.copy()

@@ -7,6 +7,7 @@ nan invalid.
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -104,8 +105,12 @@ class LaserSpec:
         ranges_m = np.asarray(ranges_m, dtype=float)
         if not self.sigma_at_m:
             return np.zeros_like(ranges_m)
-        at_m, sigma_m = np.array(self.sigma_at_m).T
-        return np.interp(ranges_m, at_m, sigma_m)
+        return np.interp(ranges_m, *self._sigma_table)
+
+    @cached_property
+    def _sigma_table(self) -> np.ndarray:
+        """(2, K) ranges and the standard deviations there [m]."""
+        return np.array(self.sigma_at_m).T.copy()
 
     def without_errors(self) -> "LaserSpec":
         """The same beams with every imperfection switched off, the range limits included."""
@@ -127,21 +132,18 @@ def measured_ranges(
     """(N,) what the sensor reports for true ranges (N,), +inf where the beam hits nothing [m].
 
     The order is the light's: mixed pixels where surfaces end, bias, noise as wide as at the
-    unbiased range, quantisation, limits, dropouts. The same number of random values is drawn whatever happens to the beams.
+    unbiased range, quantisation, limits, dropouts. The same number of random values is drawn whatever
+    happens to the beams.
     """
     ranges_m = np.array(true_ranges_m, dtype=float)
-    chosen, share, normal, dropped = (
-        rng.random(ranges_m.size),
-        rng.random(ranges_m.size),
-        rng.standard_normal(ranges_m.size),
-        rng.random(ranges_m.size),
-    )
     if spec.mixed_pixel_rate > 0:
+        chosen, share = rng.random(ranges_m.size), rng.random(ranges_m.size)
         ranges_m = _with_mixed_pixels(spec, ranges_m, chosen, share)
-    is_hit = np.isfinite(ranges_m)
-    ranges_m[is_hit] += spec.range_bias_m + spec.sigma_m(ranges_m[is_hit]) * normal[is_hit]
+    normal, dropped = rng.standard_normal(ranges_m.size), rng.random(ranges_m.size)
+    # what hits nothing stays infinite through all of it
+    ranges_m += spec.range_bias_m + spec.sigma_m(ranges_m) * normal
     if spec.resolution_m > 0:
-        ranges_m[is_hit] = np.round(ranges_m[is_hit] / spec.resolution_m) * spec.resolution_m
+        ranges_m = np.round(ranges_m / spec.resolution_m) * spec.resolution_m
     ranges_m[ranges_m > spec.range_max_m] = np.inf
     ranges_m[ranges_m < spec.range_min_m] = -np.inf
     ranges_m[dropped < spec.dropout_rate] = np.nan

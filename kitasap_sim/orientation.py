@@ -2,6 +2,8 @@
 
 import math
 
+from collections.abc import Sequence
+
 import mujoco
 import numpy as np
 
@@ -14,7 +16,7 @@ def turned_to(quaternion: np.ndarray, heading: float) -> np.ndarray:
     return turned
 
 
-def heading_of(quaternion: np.ndarray) -> float:
+def heading_of(quaternion: np.ndarray | Sequence[float]) -> float:
     """Direction of the x axis seen from above [rad]."""
     w, x, y, z = quaternion
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))

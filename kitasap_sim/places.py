@@ -69,6 +69,17 @@ class Place:
         self.path = _find(self.name)
         self._take(self._parsed())
 
+    @classmethod
+    def of_mjcf(cls, spec: mujoco.MjSpec, name: str) -> "Place":
+        """The place that a specification describes, as a file would: for worlds made by a program.
+
+        Raises ValueError, in one line, if it cannot be used.
+        """
+        place = cls.__new__(cls)
+        place.name, place.path = name, Path(name)
+        place._take(spec)
+        return place
+
     def _take(self, spec: mujoco.MjSpec) -> None:
         """Makes this the place's world. Raises ValueError if it cannot be used."""
         self._spec = spec
@@ -132,10 +143,8 @@ class Place:
         """
         spec = self.mjcf()
         furniture.shift(spec, moved_m, self.name)
-        place = Place.__new__(Place)
-        place.name, place.path = self.name, self.path
-        place.start = self.start
-        place._take(spec)
+        place = Place.of_mjcf(spec, self.name)
+        place.path, place.start = self.path, self.start
         return place
 
     @cached_property
@@ -226,6 +235,11 @@ class Place:
         """
         return self._grid.centres_m(np.argwhere(self._free))
 
+    @property
+    def free_cell_m(self) -> float:
+        """Side of the cells of `free_centres_m` [m]."""
+        return self._grid.cell_m
+
     def is_free(self, points_m: np.ndarray) -> np.ndarray:
         """(K,) whether the robot may stand with its axle's middle at each point (K, 2) [m]."""
         points_m = np.atleast_2d(points_m)
@@ -263,6 +277,23 @@ class Place:
             seen = (i for i in later if self.is_way_free(points[first], points[i]))
             corners.append(next(seen, first + 1))
         return points[corners]
+
+    def steps_to(self, spot_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Cells to a free spot (2,) [m] from each cell, to the four sides, -1 where it cannot be driven;
+        the origin (2,) and the side of the cells [m]. Raises ValueError if the spot is not free."""
+        if not self.is_free(spot_m)[0]:
+            raise ValueError(f"place {self.name}: ({spot_m[0]:.2f}, {spot_m[1]:.2f}) is not free")
+        steps = steps_to(self._free, self._grid.cells(spot_m[None]))
+        return steps, self._grid.origin_m, self._grid.cell_m
+
+    def open_cells(self, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
+        """Mask of coarser cells whose middle is open floor connected with the start, wide enough for a
+        robot or not; and the origin (2,) of its grid [m]."""
+        is_open = flooded(~self._blocked, self._grid.cells(self.start[None, :2]))
+        coarse = Grid.over(self.bounds_m, cell_m, margin_m=0.0)
+        middles_m = coarse.centres_m(np.indices(coarse.shape).reshape(2, -1).T)
+        mask = is_open[tuple(self._grid.cells(middles_m).T)].reshape(coarse.shape)
+        return mask, coarse.origin_m
 
     def draw_free_pose(self, rng: np.random.Generator) -> np.ndarray:
         """(3,) x, y [m] and heading [rad], uniform over the free space and all headings."""

@@ -15,6 +15,9 @@ from kitasap_sim.simulation import Simulation
 _BEAM_STRIDE = 6
 """Every sixth beam is drawn: more hide the floor, fewer look like a toy's."""
 
+_FLAG_M = 0.85
+"""Height of a mark's arrow: above walls and furniture."""
+
 _HELP = (
     "no OpenGL to draw with, so there are no pictures (physics and lasers need none): install it "
     "with `apt-get install libegl1 libgl1` on Debian or Ubuntu"
@@ -23,6 +26,10 @@ _HELP = (
 
 class RenderingError(RuntimeError):
     """There is no OpenGL on this machine; the message says what to install."""
+
+
+Mark = tuple[np.ndarray, tuple[float, float, float]]
+"""A spot on the floor, (2,) x, y or (3,) with a heading, and the colour to draw it in."""
 
 
 def render(
@@ -37,32 +44,73 @@ def render(
     view of the whole place from above. beams_m: (N,) ranges to draw as rays, unless not finite.
     Raises RenderingError if there is no OpenGL.
     """
-    width, height = size_px
-    model, data = simulation.model, simulation.data
-    model.vis.global_.offwidth, model.vis.global_.offheight = size_px
-    mujoco.mj_forward(model, data)
-    context = _gl_context(width, height)
-    try:
-        gpu = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, gpu)
-        option = mujoco.MjvOption()
+    with Renderer(simulation, camera, size_px) as renderer:
+        return renderer.drawn(beams_m)
+
+
+class Renderer:
+    """Pictures of one simulation, many of them: OpenGL is asked for once.
+
+    It draws a copy of the state, so that pictures change nothing of what comes after. camera,
+    size_px: as in `render`. Raises RenderingError if there is no OpenGL, ValueError for an unknown camera.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        camera: str | None = None,
+        size_px: tuple[int, int] = (960, 720),
+        beam_stride: int = _BEAM_STRIDE,
+    ) -> None:
+        width, height = size_px
+        model = simulation.model
+        model.vis.global_.offwidth, model.vis.global_.offheight = size_px
+        self._simulation, self._stride = simulation, beam_stride
+        self._camera = _camera(simulation, camera)
+        self._data = mujoco.MjData(model)
+        self._context = _gl_context(width, height)
+        self._gpu = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._gpu)
+        self._option = mujoco.MjvOption()
         # MuJoCo's own drawing of 682 rays would cover the floor
-        option.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER.value] = 0
-        scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 2000)
+        self._option.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER.value] = 0
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 2000)
+        self._view = mujoco.MjrRect(0, 0, width, height)
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def drawn(self, beams_m: np.ndarray | None = None, marks: Sequence[Mark] = ()) -> np.ndarray:
+        """(height, width, 3) uint8 picture of the state now, with beams (N,) [m] and marks in it."""
+        model, data = self._simulation.model, self._data
+        mujoco.mj_copyState(
+            model, self._simulation.data, data, mujoco.mjtState.mjSTATE_INTEGRATION.value
+        )
+        mujoco.mj_forward(model, data)
+        self._context.make_current()
         mujoco.mjv_updateScene(
-            model, data, option, None, _camera(simulation, camera),
-            mujoco.mjtCatBit.mjCAT_ALL.value, scene,
+            model, data, self._option, None, self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value, self._scene,
         )  # fmt: skip
+        for spot, colour in marks:
+            _add_mark(self._scene, spot, colour)
         if beams_m is not None:
-            _add_beams(scene, simulation, beams_m)
-        pixels = np.zeros((height, width, 3), dtype=np.uint8)
-        view = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(view, scene, gpu)
-        mujoco.mjr_readPixels(pixels, None, view, gpu)
-        gpu.free()
-    finally:
-        context.free()
-    return np.flipud(pixels)  # OpenGL's first row is the lowest
+            _add_beams(self._scene, self._simulation, data, beams_m, self._stride)
+        pixels = np.zeros((self._view.height, self._view.width, 3), dtype=np.uint8)
+        mujoco.mjr_render(self._view, self._scene, self._gpu)
+        mujoco.mjr_readPixels(pixels, None, self._view, self._gpu)
+        return np.flipud(pixels).copy()  # OpenGL's first row is the lowest
+
+    def close(self) -> None:
+        """Gives the graphics memory back; again does nothing."""
+        if self._context is not None:
+            self._context.make_current()
+            self._gpu.free()
+            self._context.free()
+            self._context = None
 
 
 def _gl_context(width: int, height: int) -> Any:
@@ -107,25 +155,59 @@ def _camera(simulation: Simulation, name: str | None) -> mujoco.MjvCamera:
     return camera
 
 
-def _add_beams(scene: mujoco.MjvScene, simulation: Simulation, beams_m: np.ndarray) -> None:
+def _add_beams(
+    scene: mujoco.MjvScene,
+    simulation: Simulation,
+    data: mujoco.MjData,
+    beams_m: np.ndarray,
+    stride: int,
+) -> None:
     """Thin rays from the laser to where each beam ended."""
     if simulation.laser is None:
         raise ValueError("this simulation was built without a laser: there are no beams to draw")
-    site = simulation.data.site(names.LASER)
-    is_hit = np.isfinite(beams_m) & (np.arange(beams_m.size) % _BEAM_STRIDE == 0)
+    site = data.site(names.LASER)
+    is_hit = np.isfinite(beams_m) & (np.arange(beams_m.size) % stride == 0)
     angles, ranges_m = simulation.laser.angles_rad[is_hit], beams_m[is_hit]
     local = np.stack([np.cos(angles), np.sin(angles), np.zeros(angles.size)], axis=1)
     for end in site.xpos + (ranges_m[:, None] * local) @ site.xmat.reshape(3, 3).T:
-        if scene.ngeom >= scene.maxgeom:
-            return
-        _add_ray(scene, site.xpos, end)
+        _add_line(scene, mujoco.mjtGeom.mjGEOM_LINE, 1.5, site.xpos, end, (1.0, 0.25, 0.1, 0.35))
 
 
-def _add_ray(scene: mujoco.MjvScene, start: Sequence[float], end: Sequence[float]) -> None:
+def _add_mark(scene: mujoco.MjvScene, spot: np.ndarray, colour: Sequence[float]) -> None:
+    """A disc on the floor; with a flag that points along its heading where it has one."""
+    x, y = float(spot[0]), float(spot[1])
+    radius_m = 0.04 if len(spot) == 2 else 0.15
+    if scene.ngeom >= scene.maxgeom:
+        return
+    mujoco.mjv_initGeom(
+        scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CYLINDER.value,
+        np.array([radius_m, 0.004, 0.0]), np.array([x, y, 0.005]), np.eye(3).ravel(),
+        np.array([*colour, 0.8], dtype=np.float32),
+    )  # fmt: skip
+    scene.ngeom += 1
+    if len(spot) == 3:
+        c, s = np.cos(spot[2]), np.sin(spot[2])
+        # above what stands before it
+        start, end = np.array([x, y, _FLAG_M]), np.array([x + 0.4 * c, y + 0.4 * s, _FLAG_M])
+        _add_line(
+            scene, mujoco.mjtGeom.mjGEOM_CAPSULE, 0.01, np.array([x, y, 0.0]), start, (*colour, 1.0)
+        )
+        _add_line(scene, mujoco.mjtGeom.mjGEOM_ARROW, 0.03, start, end, (*colour, 1.0))
+
+
+def _add_line(
+    scene: mujoco.MjvScene,
+    kind: mujoco.mjtGeom,
+    width: float,
+    start: np.ndarray,
+    end: np.ndarray,
+    rgba: Sequence[float],
+) -> None:
+    if scene.ngeom >= scene.maxgeom:
+        return
     geom = scene.geoms[scene.ngeom]
     mujoco.mjv_initGeom(
-        geom, mujoco.mjtGeom.mjGEOM_LINE.value, np.zeros(3), np.zeros(3), np.zeros(9),
-        np.array([1.0, 0.25, 0.1, 0.35], dtype=np.float32),
-    )  # fmt: skip
-    mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_LINE.value, 1.5, start, end)
+        geom, kind.value, np.zeros(3), np.zeros(3), np.zeros(9), np.array(rgba, dtype=np.float32)
+    )
+    mujoco.mjv_connector(geom, kind.value, width, start, end)
     scene.ngeom += 1

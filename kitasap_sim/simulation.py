@@ -139,6 +139,15 @@ class Simulation:
         """One physics step; the frame of the sweep that this step completed, if it did."""
         return self._stepped(1)
 
+    def advance(self, steps: int) -> None:
+        """So many physics steps, without frames: who wants the beams asks for `fan_ranges_m`."""
+        self._advance(steps)
+
+    def pose(self) -> np.ndarray:
+        """(3,) the true x, y [m] and heading [rad] now: the pose of `truth`, with less work."""
+        x, y, _, *quaternion = self.data.qpos[self._qpos : self._qpos + 7].tolist()
+        return np.array([x, y, heading_of(quaternion)])
+
     def frames(self, duration_s: float = math.inf) -> Iterator[SensorFrame]:
         """Steps on for a while and yields each frame as it comes; commands may change between."""
         end_s = self.time_s + duration_s

@@ -1,0 +1,394 @@
+"""What all driving tasks share: actions, observations, the episode's world, collisions, pictures."""
+
+import math
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium
+import mujoco
+import numpy as np
+from gymnasium import spaces
+
+from kitasap_sim import names
+from kitasap_sim.encoders import DeadReckoning
+from kitasap_sim.env.variation import RANDOM, Span, Variation, beams_of
+from kitasap_sim.laser import LaserSpec, measured_ranges
+from kitasap_sim.places import Place
+from kitasap_sim.robot import KITASAP2
+from kitasap_sim.simulation import Simulation
+
+CONTROL_S = 0.05
+"""Of one step: 25 physics steps of 2 ms."""
+MAX_SPEED_MPS, MAX_TURN_RATE_RADPS = 0.5, 1.5
+"""What an action of 1 asks for."""
+ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2 = 1.0, 4.0
+"""How fast the motor controller follows: no tire slips by it."""
+_HALF_TRACK_M = KITASAP2.track_m / 2.0
+MAX_WHEEL_RADPS = (MAX_SPEED_MPS + MAX_TURN_RATE_RADPS * _HALF_TRACK_M) / KITASAP2.wheel_radius_m
+_FASTEST = (1.5, 6.0)
+"""Bounds of what encoders may tell of speed and turn rate: tires may slip."""
+_FARTHEST_M = 1000.0
+
+COLLISION_COST = 5.0
+"""Chosen: more than any episode's way is worth."""
+
+Observation = dict[str, np.ndarray]
+
+
+class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
+    """Base of the tasks: Kitasap2 driven at 20 Hz in a place, by what its sensors tell.
+
+    ## Action: Box(-1, 1, (2,), float32)
+
+    | n | `control="twist"` (default) | `control="wheels"` | at 1 |
+    |---|---|---|---|
+    | 0 | forward speed | speed of the left wheel | 0.5 m/s; 10.3 rad/s |
+    | 1 | turn rate, counter-clockwise | speed of the right wheel | 1.5 rad/s; 10.3 rad/s |
+
+    The motor controller follows by 1 m/s2 and 4 rad/s2. Values beyond the bounds are clipped to them;
+    nan, inf or another shape raise ValueError and nothing moves.
+
+    ## Observation: Dict of float32 boxes
+
+    | key | shape | bounds | what |
+    |---|---|---|---|
+    | `scan` | (beams,) | 0 to the laser's range [m] | by increasing angle; no return and lost beams read the range, too near ones 0 |
+    | `odometry` | (3,) | +-1000 m, +-pi | x, y [m], heading [rad] since the start by the encoders alone, in the frame of the start: they drift |
+    | `velocity` | (2,) | +-1.5 m/s, +-6 rad/s | forward speed and turn rate over the last step by the encoders |
+    | `last_action` | (2,) | -1 to 1 | the last action, clipped |
+
+    Tasks add keys of their own. Truth is in `info` alone.
+
+    ## Info, the same keys with every reset and step
+
+    `is_success`, `success` (one value under two names), `collision`, `pose_true` (3,), `pose_odometry`
+    (3,) in the world, `min_range_m` of the true beams, `time_s`, `reward_terms` (dict of floats that
+    add up to the reward; zeros with reset).
+
+    ## Keywords
+
+    `place`: a name, the path of an MJCF file, a `Place`, or several to draw from; "random" is a new room
+    in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many of whose view,
+    range and noise, each fired once in a step. `control`. `people`: who walk about.
+    Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii` (share by
+    which each is truly larger, 0), `laser_noise` (times the laser's sigma, 1) and `latency_s` (0) take
+    one value, or (low, high) between which each episode draws its own. `odometry`: a preset.
+
+    `reset(options={"pose": (x, y, heading), "place": ...})` sets where it starts.
+
+    A collision (the robot touches anything but the floor) ends the episode and costs 5.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": round(1.0 / CONTROL_S),
+    }
+    OPTIONS: ClassVar[tuple[str, ...]] = ("pose", "place")
+    TERMS: ClassVar[tuple[str, ...]] = ("collision",)
+    DEFAULT_PLACE: ClassVar[str] = RANDOM
+
+    def __init__(
+        self,
+        render_mode: str | None = None,
+        *,
+        place: str | Path | Place | Sequence[str | Path | Place] | None = None,
+        difficulty: Span = 0.5,
+        beams: int = 60,
+        laser: str | LaserSpec = "urg_04lx",
+        control: str = "twist",
+        people: Span = 0,
+        odometry: str = "as_built",
+        friction: Span | None = None,
+        wheel_radii: Span = 0.0,
+        laser_noise: Span = 1.0,
+        latency_s: Span = 0.0,
+    ) -> None:
+        """Raises ValueError, naming the keyword, for a value that makes no sense."""
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(
+                f"render_mode: {' or '.join(self.metadata['render_modes'])}, not {render_mode}"
+            )
+        if control not in ("twist", "wheels"):
+            raise ValueError(f"control: twist or wheels, not {control}")
+        self.render_mode = render_mode
+        self.control = control
+        self.variation = Variation(
+            self.DEFAULT_PLACE if place is None else place, difficulty, people, odometry, friction,
+            wheel_radii, laser_noise, latency_s,
+        )  # fmt: skip
+        self.laser = beams_of(laser, beams, CONTROL_S)
+        range_m = min(self.laser.range_max_m, 30.0)
+        self._range_m = range_m
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space = spaces.Dict(
+            {
+                "scan": box(np.zeros(beams), np.full(beams, range_m)),
+                "odometry": box([-_FARTHEST_M, -_FARTHEST_M, -math.pi]),
+                "velocity": box([-_FASTEST[0], -_FASTEST[1]]),
+                "last_action": box([-1.0, -1.0]),
+                **self._spaces(),
+            }
+        )
+        self._sim: Simulation | None = None
+        self._renderer: Any = None
+
+    # what a task says
+
+    def _spaces(self) -> dict[str, spaces.Box]:
+        """The observations that a task adds."""
+        return {}
+
+    @abstractmethod
+    def _begin(self, options: dict[str, Any]) -> np.ndarray:
+        """Draws the task in `self.place`; the pose (3,) at which the robot starts."""
+
+    def _started(self) -> None:
+        """Notes what a task needs to know once the robot stands."""
+
+    @abstractmethod
+    def _rewarded(self) -> tuple[dict[str, float], bool, bool]:
+        """Terms of the last step's reward but for the collision; is it a success, is it over."""
+
+    def _observed(self) -> Observation:
+        """The observations that a task adds."""
+        return {}
+
+    def _told(self) -> dict[str, Any]:
+        """What a task adds to `info`, the same keys always."""
+        return {}
+
+    # what Gymnasium asks for
+
+    @property
+    def simulation(self) -> Simulation:
+        """The episode's world, truth and all; not for policies. Raises RuntimeError before a reset."""
+        if self._sim is None:
+            raise RuntimeError("call reset() first: there is no episode yet")
+        return self._sim
+
+    @property
+    def place(self) -> Place:
+        """Of this episode."""
+        return self.simulation.place
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """A new episode. Raises ValueError for options that are unknown or make no sense."""
+        super().reset(seed=seed)
+        options = dict(options or {})
+        if unknown := set(options) - set(self.OPTIONS):
+            raise ValueError(
+                f"no option called {', '.join(sorted(unknown))}; there are: {', '.join(self.OPTIONS)}"
+            )
+        place = options.get("place")
+        if place is not None and not isinstance(place, Place):
+            place = Place(place)
+        drawn = self.variation.drawn(self.laser, self.np_random, place)
+        self._sim, self._beams = drawn.simulation, drawn.beams
+        self._lag_steps, self._noise = drawn.lag_steps, drawn.noise
+        self._close_renderer()
+        self._find_geoms()
+        pose = self._begin(options)
+        self._sim.reset(pose)
+        self._pose = np.array(pose, dtype=float)
+        self._start = self._pose.copy()
+        self._reckoning = DeadReckoning(self._pose, self._sim.wheel_ticks())
+        self._last_odometry = self._pose.copy()
+        self._velocity = (0.0, 0.0)
+        self._command = (0.0, 0.0)
+        self._waiting: deque[tuple[int, np.ndarray]] = deque()
+        self._steps = 0
+        self._action = np.zeros(2, dtype=np.float32)
+        self._ranges_m = self._sim.true_ranges_m()
+        self._collided = False
+        self._started()
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(), self._info(dict.fromkeys(self.TERMS, 0.0), False)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One control period. Raises ValueError for an action that is none, and nothing moves."""
+        self.drive(self.check_action(action))
+        return self.outcome()
+
+    def drive(self, action: np.ndarray) -> None:
+        """The physics of a control period, under an action that `check_action` gave: nearly all of a
+        step's time, and what `KitasapVectorEnv` does on threads."""
+        self._action = action
+        self._drive(self.simulation)
+
+    def outcome(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """What `step` returns, after `drive`."""
+        sim = self.simulation
+        self._pose = sim.pose()
+        self._ranges_m = sim.fan_ranges_m()
+        pose = self._reckoning.update(sim.wheel_ticks())
+        turned = float(pose[2] - self._last_odometry[2])
+        self._velocity = (self._reckoning.moved_m / CONTROL_S, turned / CONTROL_S)
+        self._last_odometry = pose
+        self._collided = self._touches()
+        terms, is_success, is_over = self._rewarded()
+        terms["collision"] = -COLLISION_COST if self._collided else 0.0
+        is_success = is_success and not self._collided
+        if self.render_mode == "human":
+            self.render()
+        return (
+            self._observation(), float(sum(terms.values())), is_over or self._collided, False,
+            self._info(terms, is_success),
+        )  # fmt: skip
+
+    def render(self) -> np.ndarray | None:
+        """(480, 640, 3) uint8 picture of the place, the beams and the goal; None where it is shown.
+
+        Raises RenderingError if there is no OpenGL; gymnasium's warning if no mode was asked for.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without a render_mode: give one to gymnasium.make()")
+            return None
+        if self._renderer is None:
+            from kitasap_sim.env.picture import Picture
+
+            self._renderer = Picture(self.simulation, is_shown=self.render_mode == "human")
+        return self._renderer.drawn(self._ranges_m, self._marks())
+
+    def close(self) -> None:
+        """Gives back what pictures hold; again does nothing."""
+        self._close_renderer()
+
+    def _marks(self) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
+        """Spots (x, y or x, y, heading) of the task to be drawn, each with its colour."""
+        return []
+
+    # how it is done
+
+    def check_action(self, action: Any) -> np.ndarray:
+        """(2,) float32 the action clipped to its bounds. Raises ValueError for what is none."""
+        try:
+            values = np.array(action, dtype=np.float32)
+        except (TypeError, ValueError):
+            values = np.zeros(0, dtype=np.float32)
+        if values.shape != (2,) or not np.isfinite(values).all():
+            raise ValueError(f"an action is two finite numbers from -1 to 1, not {action!r}")
+        return values.clip(-1.0, 1.0)
+
+    def _drive(self, sim: Simulation) -> None:
+        """A control period under the command, which comes late where there is latency."""
+        first, second = self._action.tolist()
+        if self.control == "wheels":
+            left, right = first * MAX_WHEEL_RADPS, second * MAX_WHEEL_RADPS
+            radius_m = KITASAP2.wheel_radius_m
+            v = (left + right) * radius_m / 2.0
+            w = (right - left) * radius_m / KITASAP2.track_m
+        else:
+            v, w = first * MAX_SPEED_MPS, second * MAX_TURN_RATE_RADPS
+        v = _towards(self._command[0], v, ACCELERATION_MPS2 * CONTROL_S)
+        w = _towards(self._command[1], w, TURN_ACCELERATION_RADPS2 * CONTROL_S)
+        self._command = (v, w)
+        count = round(CONTROL_S / sim.timestep_s)
+        if self._lag_steps == 0:
+            sim.drive(v, w)
+            sim.advance(count)
+            self._steps += count
+            return
+        self._waiting.append((self._steps + self._lag_steps, KITASAP2.wheel_speeds_radps(v, w)))
+        end = self._steps + count
+        while self._steps < end:
+            while self._waiting and self._waiting[0][0] <= self._steps:
+                sim.drive_wheels(self._waiting.popleft()[1])
+            until = min(end, self._waiting[0][0]) if self._waiting else end
+            sim.advance(until - self._steps)
+            self._steps = until
+
+    def _observation(self) -> Observation:
+        ranges_m = measured_ranges(self._beams, self._ranges_m, self._noise).astype(np.float32)
+        np.fmin(ranges_m, self._range_m, out=ranges_m)  # of nan and a number, the number
+        np.maximum(ranges_m, 0.0, out=ranges_m)
+        return {
+            "scan": ranges_m,
+            "odometry": self._in_start(self._last_odometry).astype(np.float32),
+            "velocity": np.array(self._velocity, dtype=np.float32),
+            "last_action": self._action.copy(),
+            **self._observed(),
+        }
+
+    def _info(self, terms: dict[str, float], is_success: bool) -> dict[str, Any]:
+        return {
+            "is_success": is_success,
+            "success": is_success,
+            "collision": self._collided,
+            "pose_true": self._pose.copy(),
+            "pose_odometry": _wrapped(self._last_odometry),
+            "min_range_m": float(self._ranges_m.min()),
+            "time_s": self._steps * self.simulation.timestep_s,
+            "reward_terms": terms,
+            **self._told(),
+        }
+
+    def _in_start(self, pose: np.ndarray) -> np.ndarray:
+        """(3,) a pose of the world as seen from where the episode began."""
+        return seen_from(self._start, pose)
+
+    def _by_odometry(self, pose: np.ndarray) -> np.ndarray:
+        """(3,) a pose of the world as the robot believes to see it, by its encoders."""
+        return seen_from(self._last_odometry, pose)
+
+    def _checked_pose(self, options: dict[str, Any], name: str) -> np.ndarray | None:
+        """(3,) a pose given as an option, None where none is. Raises ValueError unless it is free."""
+        if name not in options:
+            return None
+        pose = np.asarray(options[name], dtype=float)
+        if pose.shape != (3,) or not np.isfinite(pose).all():
+            raise ValueError(f"{name}: three finite numbers, x, y and heading, not {options[name]}")
+        if not self.place.is_free(pose[:2])[0]:
+            raise ValueError(
+                f"{name}: something stands at ({pose[0]:.2f}, {pose[1]:.2f}) of {self.place.name}, or"
+                f" the robot cannot get there; it needs {KITASAP2.radius_m} m of room"
+            )
+        return pose
+
+    def _find_geoms(self) -> None:
+        """Which geoms are the robot's, and which it may touch: the floor and its bumps."""
+        model = self.simulation.model
+        base = model.body(names.BASE).id
+        is_robot = model.body_rootid[model.geom_bodyid] == base
+        is_plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        is_unseen = (model.geom_rgba[:, 3] == 0.0) & (model.geom_matid < 0)
+        self._is_robot = is_robot
+        self._is_ground = ~is_robot & (is_plane | is_unseen)
+
+    def _touches(self) -> bool:
+        """Whether the robot touches anything but the floor now."""
+        pairs = self.simulation.data.contact.geom
+        robot, ground = self._is_robot[pairs], self._is_ground[pairs]
+        # a pair within the robot, or of two other things, is none of its collisions
+        return bool(((robot[:, 0] != robot[:, 1]) & ~ground.any(axis=1)).any())
+
+    def _close_renderer(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def seen_from(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """(3,) a pose (x, y, heading) of the world in a frame (3,) of the world."""
+    (x0, y0, theta0), (x, y, theta) = frame.tolist(), pose.tolist()
+    c, s, dx, dy = math.cos(theta0), math.sin(theta0), x - x0, y - y0
+    return np.array([c * dx + s * dy, c * dy - s * dx, math.remainder(theta - theta0, math.tau)])
+
+
+def _wrapped(pose: np.ndarray) -> np.ndarray:
+    return np.array([pose[0], pose[1], math.remainder(float(pose[2]), math.tau)])
+
+
+def box(low: Any, high: Any = None) -> spaces.Box:
+    """A float32 box from low to high; by default as far to either side of 0."""
+    low = np.asarray(low, dtype=np.float32)
+    return spaces.Box(low, -low if high is None else np.asarray(high, dtype=np.float32))
+
+
+def _towards(now: float, wanted: float, most: float) -> float:
+    return now + max(-most, min(most, wanted - now))

@@ -1,0 +1,106 @@
+"""`Kitasap2/Explore-v0`: see as much of an unknown place as possible."""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+
+from kitasap_sim.env.base import KitasapEnv
+
+_CELL_M = 0.1
+"""Of what is counted as seen; chosen."""
+_SEEN_WORTH = 1.0
+STEP_COST = 0.005
+SUCCESS_REWARD = 5.0
+
+
+class ExploreEnv(KitasapEnv):
+    """See `share` (0.95 by default) of all that the beams can reach from where the robot can drive.
+
+    The floor is counted in cells of 0.1 m; one is seen when a beam has gone through it. The robot is
+    told nothing of the place: what it has seen it must remember itself.
+
+    ## Action, keywords, observation and info: see `KitasapEnv`
+
+    ## Reward: the sum of `reward_terms`
+
+    | term | what |
+    |---|---|
+    | `seen` | floor seen for the first time [m2] |
+    | `time` | -0.005 |
+    | `success` | 5 once, when the share is seen |
+    | `collision` | -5 once |
+
+    ## Start, termination, truncation
+
+    Start: at rest, anywhere; `reset(options={"pose": ..., "place": ...})` sets it. Terminated: when the
+    share is seen (`is_success`) or at a collision. Truncated: after 2400 steps (2 minutes).
+
+    ## Info: besides that of `KitasapEnv`
+
+    `seen_share`: of the floor that can be seen; `seen_m2`.
+
+    ## Keywords: besides those of `KitasapEnv`
+
+    `share`: of the floor that ends an episode.
+    """
+
+    TERMS: ClassVar[tuple[str, ...]] = ("seen", "time", "success", "collision")
+
+    def __init__(
+        self, render_mode: str | None = None, *, share: float = 0.95, **keywords: Any
+    ) -> None:
+        """Raises ValueError, naming the keyword, for a value that makes no sense."""
+        super().__init__(render_mode, **keywords)
+        if not 0.0 < share <= 1.0:
+            raise ValueError(f"share: above 0 and up to 1, not {share}")
+        self._share = share
+        x, y, _ = self.laser.mount_m
+        self._mount_m = x + 1j * y
+        self._along = np.exp(1j * self.laser.angles_rad)
+        self._probes_m = np.arange(_CELL_M / 2.0, self._range_m, _CELL_M)
+
+    def _begin(self, options: dict[str, Any]) -> np.ndarray:
+        pose = self._checked_pose(options, "pose")
+        return self.place.draw_free_pose(self.np_random) if pose is None else pose
+
+    def _started(self) -> None:
+        is_open, origin_m = self.place.open_cells(_CELL_M)
+        # a border: beams that leave the place end there
+        self._is_open = np.pad(is_open, 1)
+        self._origin = complex(*(origin_m - _CELL_M).tolist())
+        self._is_seen = np.zeros_like(self._is_open)
+        self._to_see = max(int(self._is_open.sum()), 1)
+        self._count = 0
+        self._look()
+
+    def _rewarded(self) -> tuple[dict[str, float], bool, bool]:
+        before = self._count
+        self._look()
+        is_done = self._count >= self._share * self._to_see
+        terms = {
+            "seen": _SEEN_WORTH * (self._count - before) * _CELL_M**2,
+            "time": -STEP_COST,
+            "success": SUCCESS_REWARD if is_done and not self._collided else 0.0,
+        }
+        return terms, is_done, is_done
+
+    def _look(self) -> None:
+        """Counts the cells that the beams go through now."""
+        x, y, theta = self._pose.tolist()
+        turn = complex(math.cos(theta), math.sin(theta))
+        at = ((x + 1j * y) + turn * self._mount_m - self._origin) / _CELL_M
+        reach_m = np.minimum(self._ranges_m, self._range_m)
+        beams, probes = np.nonzero(self._probes_m < reach_m[:, None])
+        cells = at + (turn / _CELL_M) * self._along[beams] * self._probes_m[probes]
+        columns, rows = self._is_seen.shape
+        i = cells.real.astype(np.int64).clip(0, columns - 1)
+        j = cells.imag.astype(np.int64).clip(0, rows - 1)
+        self._is_seen[i, j] = True
+        self._count = int(np.count_nonzero(self._is_seen & self._is_open))
+
+    def _told(self) -> dict[str, Any]:
+        return {
+            "seen_share": self._count / self._to_see,
+            "seen_m2": self._count * _CELL_M**2,
+        }

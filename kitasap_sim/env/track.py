@@ -1,0 +1,153 @@
+"""`Kitasap2/Track-v0`: follow a path at speed."""
+
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+
+from kitasap_sim.env.base import KitasapEnv, Observation, box, seen_from
+from kitasap_sim.env.path import Path
+from kitasap_sim.places import Place
+
+_AHEAD_M = (0.2, 0.4, 0.6, 0.8, 1.0)
+_FARTHEST_M = 100.0
+_LEGS, _LEAST_LEG_M, _TRIES = 3, 1.5, 200
+"""Of a path that is drawn: free spots so far apart, joined by ways that can be driven."""
+_ASIDE_COST = 0.5
+STEP_COST = 0.005
+SUCCESS_REWARD = 5.0
+
+
+class TrackEnv(KitasapEnv):
+    """Drive along a path to its end, near it and fast.
+
+    The path is the place's own scripted track where it has one, else ways between four free spots.
+
+    ## Action, keywords, and the rest of observation and info: see `KitasapEnv`
+
+    ## Observation: besides `scan`, `odometry`, `velocity` and `last_action`
+
+    | key | shape | bounds | what |
+    |---|---|---|---|
+    | `path` | (10,) | +-100 m | x, y [m] in the robot's frame of the points of the path 0.2, 0.4, 0.6, 0.8 and 1 m ahead of the nearest (its end, where it ends before); by the encoders since the start, which drift |
+
+    ## Reward: the sum of `reward_terms`
+
+    | term | what |
+    |---|---|
+    | `progress` | way along the path since the last step [m] |
+    | `aside` | -0.5 per metre beside the path and second |
+    | `time` | -0.005 |
+    | `success` | 5 once, at the end of the path |
+    | `collision` | -5 once, also for leaving the path |
+
+    ## Start, termination, truncation
+
+    Start: at rest on the first point of the path, along it; `reset(options={"path": (K, 2) corners [m],
+    "place": ...})` sets it. Terminated: within 0.15 m of the end with all of the path behind it
+    (`is_success`), farther than `most_aside_m` from the path, or at a collision. Truncated: after 1600
+    steps (80 s).
+
+    ## Info: besides that of `KitasapEnv`
+
+    `aside_m`: from the path; `along_m`: of it; `length_m`: of all of it; `mean_aside_m`: so far.
+
+    ## Keywords: besides those of `KitasapEnv`
+
+    `most_aside_m`: from the path, 0.5 by default.
+    """
+
+    OPTIONS: ClassVar[tuple[str, ...]] = ("path", "place")
+    TERMS: ClassVar[tuple[str, ...]] = ("progress", "aside", "time", "success", "collision")
+
+    def __init__(
+        self, render_mode: str | None = None, *, most_aside_m: float = 0.5, **keywords: Any
+    ) -> None:
+        """Raises ValueError, naming the keyword, for a value that makes no sense."""
+        super().__init__(render_mode, **keywords)
+        if not 0.05 <= most_aside_m <= 10.0:
+            raise ValueError(f"most_aside_m: from 0.05 to 10, not {most_aside_m}")
+        self._most_aside_m = most_aside_m
+
+    def _spaces(self) -> dict[str, spaces.Box]:
+        return {"path": box([-_FARTHEST_M] * (2 * len(_AHEAD_M)))}
+
+    def _begin(self, options: dict[str, Any]) -> np.ndarray:
+        if "path" in options:
+            corners_m = np.asarray(options["path"], dtype=float)
+            is_path = corners_m.ndim == 2 and corners_m.shape[1:] == (2,) and len(corners_m) >= 2
+            if not is_path or not np.isfinite(corners_m).all():
+                raise ValueError(
+                    f"path: (K, 2) finite corners, two at least, not {options['path']}"
+                )
+        elif len(self.place.track_m) >= 2:
+            corners_m = self.place.track_m
+        else:
+            corners_m = _drawn(self.place, self.np_random)
+        for start_m, end_m in zip(corners_m[:-1], corners_m[1:], strict=True):
+            if not self.place.is_way_free(start_m, end_m):
+                raise ValueError(
+                    f"path: something stands between ({start_m[0]:.2f}, {start_m[1]:.2f}) and"
+                    f" ({end_m[0]:.2f}, {end_m[1]:.2f}) of {self.place.name}"
+                )
+        self._path = Path(corners_m)
+        return np.array([*corners_m[0], self._path.heading_rad(0.0)])
+
+    def _started(self) -> None:
+        # what the robot believes runs along with what is true
+        self._along_m = self._believed_m = 0.0
+        self._aside_m = self._aside_sum_m = 0.0
+        self._count = 0
+
+    def _rewarded(self) -> tuple[dict[str, float], bool, bool]:
+        before_m = self._along_m
+        self._along_m, self._aside_m = self._path.nearest(self._pose[:2], self._along_m)
+        self._count += 1
+        self._aside_sum_m += self._aside_m
+        is_off = self._aside_m > self._most_aside_m
+        end_m = math.hypot(*(self._pose[:2] - self._path.corners_m[-1]).tolist())
+        is_done = end_m < 0.15 and self._path.length_m - self._along_m < 0.15
+        self._collided = self._collided or is_off
+        terms = {
+            "progress": self._along_m - before_m,
+            "aside": -_ASIDE_COST * self._aside_m / self.metadata["render_fps"],
+            "time": -STEP_COST,
+            "success": SUCCESS_REWARD if is_done and not self._collided else 0.0,
+        }
+        return terms, is_done, is_done
+
+    def _observed(self) -> Observation:
+        believed = self._last_odometry
+        self._believed_m, _ = self._path.nearest(believed[:2], self._believed_m)
+        ahead = [self._path.at(self._believed_m + ahead_m) for ahead_m in _AHEAD_M]
+        seen = [seen_from(believed, np.array([*point, 0.0]))[:2] for point in ahead]
+        points = np.concatenate(seen).clip(-_FARTHEST_M, _FARTHEST_M)
+        return {"path": points.astype(np.float32)}
+
+    def _told(self) -> dict[str, Any]:
+        return {
+            "aside_m": self._aside_m,
+            "along_m": self._along_m,
+            "length_m": self._path.length_m,
+            "mean_aside_m": self._aside_sum_m / max(self._count, 1),
+        }
+
+    def _marks(self) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
+        spots = np.arange(0.0, self._path.length_m, 0.25)
+        return [(np.array(self._path.at(float(s))), (0.1, 0.65, 0.25)) for s in spots]
+
+
+def _drawn(place: Place, rng: np.random.Generator) -> np.ndarray:
+    """(K, 2) corners of ways between free spots. Raises ValueError in a place too small for one."""
+    ways = [place.draw_free_pose(rng)[None, :2]]
+    for _ in range(_TRIES):
+        here, there = ways[-1][-1], place.draw_free_pose(rng)[:2]
+        if math.hypot(*(there - here).tolist()) < _LEAST_LEG_M:
+            continue
+        ways.append(place.way(here, there)[1:])
+        if len(ways) > _LEGS:
+            return np.concatenate(ways)
+    raise ValueError(
+        f"place {place.name} is too small for a path of {_LEGS} legs of {_LEAST_LEG_M} m"
+    )

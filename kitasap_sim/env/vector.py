@@ -1,0 +1,137 @@
+"""Many episodes at once on threads: MuJoCo leaves Python's lock alone while it steps."""
+
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector.utils import iterate
+
+from kitasap_sim.env.base import KitasapEnv
+from kitasap_sim.env.explore import ExploreEnv
+from kitasap_sim.env.goto import GoToEnv
+from kitasap_sim.env.relocalize import RelocalizeEnv
+from kitasap_sim.env.track import TrackEnv
+
+_Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
+
+
+class KitasapVectorEnv(SyncVectorEnv):
+    """What `SyncVectorEnv` of the same task gives, to the bit, on all cores of the machine.
+
+    `gymnasium.make_vec("Kitasap2/GoTo-v0", num_envs=64)` makes it. threads: as many as cores by default.
+    An episode that ended begins anew with the next step, as Gymnasium's own do by default.
+    """
+
+    ENV: ClassVar[type[KitasapEnv]]
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        max_episode_steps: int | None = None,
+        threads: int | None = None,
+        **keywords: Any,
+    ) -> None:
+        """keywords: of the task. Raises ValueError for values that make no sense."""
+        if num_envs < 1 or (threads is not None and threads < 1):
+            raise ValueError(f"num_envs, threads: 1 or more, not {num_envs}, {threads}")
+
+        def made() -> KitasapEnv:
+            return self.ENV(**keywords)
+
+        super().__init__([made] * num_envs, autoreset_mode=AutoresetMode.NEXT_STEP)
+        self._most = math.inf if max_episode_steps is None else max_episode_steps
+        self._elapsed = np.zeros(num_envs, dtype=np.int64)
+        self._threads = min(threads or os.cpu_count() or 1, num_envs)
+        self._pool = ThreadPoolExecutor(self._threads, thread_name_prefix="kitasap")
+
+    def reset(
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """All anew; of `options`, `reset_mask` (num_envs,) leaves some as they are."""
+        mask = None if options is None else options.get("reset_mask")
+        observations, infos = super().reset(seed=seed, options=options)
+        self._elapsed[slice(None) if mask is None else mask] = 0
+        return observations, infos
+
+    def step(
+        self, actions: Any
+    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One step of all. Raises ValueError for actions that are none, and nothing moves."""
+        tasks: list[KitasapEnv] = [env.unwrapped for env in self.envs]  # type: ignore[misc]
+        given = [
+            task.check_action(action)
+            for task, action in zip(tasks, iterate(self.action_space, actions), strict=True)
+        ]
+        running = np.flatnonzero(~self._autoreset_envs).tolist()
+
+        def drive(share: Sequence[int]) -> None:
+            for i in share:
+                tasks[i].drive(given[i])
+
+        list(self._pool.map(drive, [running[k :: self._threads] for k in range(self._threads)]))
+        results = [self._outcome(i) for i in range(self.num_envs)]
+        observations, rewards, terminations, truncations, infos = zip(*results, strict=True)
+        self._terminations, self._truncations = np.array(terminations), np.array(truncations)
+        self._autoreset_envs = self._terminations | self._truncations
+        self._env_obs = list(observations)
+        stacked = {key: np.stack([one[key] for one in observations]) for key in observations[0]}
+        return (
+            stacked,
+            np.array(rewards, dtype=np.float64), self._terminations.copy(),
+            self._truncations.copy(), _stacked(infos),
+        )  # fmt: skip
+
+    def close_extras(self, **keywords: Any) -> None:
+        """Ends the threads and closes all episodes."""
+        self._pool.shutdown()
+        super().close_extras(**keywords)
+
+    def _outcome(self, i: int) -> _Step:
+        if self._autoreset_envs[i]:
+            self._elapsed[i] = 0
+            observation, info = self.envs[i].reset()
+            return observation, 0.0, False, False, info
+        self._elapsed[i] += 1
+        observation, reward, is_over, is_late, info = self.envs[i].unwrapped.outcome()  # type: ignore[attr-defined]
+        return observation, reward, is_over, is_late or bool(self._elapsed[i] >= self._most), info
+
+
+class GoToVectorEnv(KitasapVectorEnv):
+    """`GoToEnv` many times."""
+
+    ENV = GoToEnv
+
+
+class ExploreVectorEnv(KitasapVectorEnv):
+    """`ExploreEnv` many times."""
+
+    ENV = ExploreEnv
+
+
+class RelocalizeVectorEnv(KitasapVectorEnv):
+    """`RelocalizeEnv` many times."""
+
+    ENV = RelocalizeEnv
+
+
+class TrackVectorEnv(KitasapVectorEnv):
+    """`TrackEnv` many times."""
+
+    ENV = TrackEnv
+
+
+def _stacked(infos: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """As `VectorEnv` stacks them, for infos that all have the same keys."""
+    stacked: dict[str, Any] = {}
+    for key, first in infos[0].items():
+        values = [info[key] for info in infos]
+        stacked[key] = _stacked(values) if isinstance(first, dict) else np.array(values)
+        stacked["_" + key] = np.ones(len(infos), dtype=np.bool_)
+    return stacked
