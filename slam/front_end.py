@@ -40,9 +40,10 @@ class FrontEndConfig:
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
     pose found around must be better; better_against: one that the wheels contradict: odometry that
     jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
-    where the scans broke off. min_points: fewer tell nothing. most_blind_m: by the wheels alone; after
-    more, they lie outside of what is searched, and a scan that fits may be one that looks the same;
-    fastest_mps: wheels that tell of more have jumped.
+    where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
+    nothing: somebody stands before it. most_blind_m: by the wheels alone; after more, they lie
+    outside of what is searched, and a scan that fits may be one that looks the same; fastest_mps:
+    wheels that tell of more have jumped.
     range_max_m: farther ends of beams are left out. Chosen, all of these.
     """
 
@@ -61,6 +62,7 @@ class FrontEndConfig:
     better_against: float = 0.24
     break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
     min_points: int = 20
+    blocked_m: float = 0.6
     most_blind_m: float = 5.0
     fastest_mps: float = 10.0
     range_max_m: float = 40.0
@@ -126,7 +128,7 @@ class FrontEnd:
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
         beams = self._beams(measurement)
-        points = faced(beams.cut(self.config.range_max_m).points, beams.middle_m)
+        points = self._seen(beams)
         T_last = self.T_map_base
         T_predicted = T_last @ measurement.motion
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
@@ -154,6 +156,13 @@ class FrontEnd:
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
             inlier_ratio, is_new,
         )  # fmt: skip
+
+    def _seen(self, beams: Beams) -> FloatArray:
+        """(N, 3) the faced points of a scan; none where the laser is blocked."""
+        points = faced(beams.cut(self.config.range_max_m).points, beams.middle_m)
+        off_m = np.hypot(*(points[:, :2] - beams.middle_m).T)
+        is_blocked = np.count_nonzero(off_m > self.config.blocked_m) < self.config.min_points
+        return points[:0] if is_blocked else points
 
     def _way_m(self, measurement: Measurement) -> float:
         """Of the wheels since the last scan; 0 where it is too fast for any: odometry that jumps."""

@@ -44,3 +44,18 @@ def test_pose_that_the_wheels_contradict_must_fit_much_better(monkeypatch, sigma
     T_wheels = front_end.keyframes[0].T_map_base @ second.motion
     expected = T_wheels if status is StepStatus.MATCHED else T_wheels @ NEXT_DOOR
     assert step.T_map_base.is_near(expected, 0.1, 0.05)
+
+
+def test_scans_of_a_laser_that_somebody_stands_before_are_carried_and_break_nothing():
+    front_end, rng = FrontEnd(ring.T_BASE_LASER), np.random.default_rng(0)
+    steps = []
+    for k, measurement in enumerate(ring.drive(ring.way(1.5), rng)[:40]):
+        if 20 <= k < 26:  # a trouser leg, all around
+            scan = measurement.scan
+            near_m = rng.uniform(0.03, 0.5, len(scan.ranges_m))
+            measurement = replace(measurement, scan=replace(scan, ranges_m=near_m))
+        steps.append(front_end.update(measurement))
+    statuses = [step.status for step in steps]
+    assert statuses[20:26] == [StepStatus.CARRIED] * 6
+    assert set(statuses[1:20] + statuses[26:]) == {StepStatus.MATCHED}
+    assert not any(keyframe.is_break for keyframe in front_end.keyframes)
