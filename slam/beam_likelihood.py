@@ -24,6 +24,7 @@ from slam.kernels.beam_likelihood import (
 from slam.kernels.beam_search import maximise, pull_offset, reach_of, sharpen
 from slam.kernels.normal_equations import covariance_into, widest
 from slam.laser_model import LaserModel
+from slam.normal_points import standard_normal_points
 from slam.scan_match import PoseInformation
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap, is_near_by
@@ -38,6 +39,10 @@ _MISSING_AT_ALL, _PASSED_M, _RUN = 0.01, 0.1, 3
 them side by side, that it is neither noise nor light mixed at an edge."""
 _NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
+_POINTS = standard_normal_points(64)
+"""Where `_widen` looks."""
+_WIDER = 1.3
+"""Chosen: times the variance; less is what so many points cannot tell."""
 
 
 @dataclass(frozen=True)
@@ -214,12 +219,12 @@ def _matched(
     verdict = sums.copy()
     is_sharp = widest(information)[0] < _SHARP_M
     is_sharpened = bool(segment_map.is_exact and is_sharp and is_settled)
-    smooth_pose, smooth_information = np.empty(3), np.empty((3, 3))
+    smooth_pose, smooth_information, moments = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
     if is_sharpened:
         sharpen(
             *scene, config.smoothness, config.nodes, config.edge_sweeps,
-            config.edge_blurs, pose, information, sums, predicted, hit_walls, is_kept,
-            smooth_pose, smooth_information,
+            config.edge_blurs, pose, information, sums, predicted, hit_walls, is_kept, _POINTS,
+            smooth_pose, smooth_information, moments,
         )  # fmt: skip
     scale = float(residual_scale(laser.noise_table, beams.ranges_m, predicted, is_kept))
     smooth = None
@@ -228,7 +233,10 @@ def _matched(
         pull_offset(smooth_sums, (SE2.from_array(pose).inverse() @ T_smooth).log())
         free_offset(smooth_information, smooth_sums, config.offset_odds, smooth_pose)
         smooth = PoseInformation(SE2.from_array(smooth_pose), smooth_information)
+    told = information.copy() if is_sharpened else information
     offset_m, offset_sigma_m = free_offset(information, sums, config.offset_odds, pose)
+    if is_sharpened:
+        _widen(told, moments, information)
     used, behind_ratio = int(verdict[USED]), float(verdict[BEHIND]) / max(int(verdict[USED]), 1)
     missing_ratio = 0.0
     if segment_map.is_exact and behind_ratio > _MISSING_AT_ALL:
@@ -250,6 +258,22 @@ def _matched(
         offset_sigma_m=float(offset_sigma_m),
         smooth=smooth,
     )
+
+
+def _widen(told: FloatArray, moments: FloatArray, information: FloatArray) -> None:
+    """Makes an information (3, 3), in place, less sure along the ways in which samples of what edges
+    say scatter wider about the pose, moments (3, 3), than the Gaussian told (3, 3) of them."""
+    # in units of its own deviations it is 1 every way
+    if np.sum(told * moments) < 2.0 + _WIDER:
+        return
+    root = np.linalg.cholesky(told)
+    values, directions = np.linalg.eigh(root.T @ moments @ root)
+    if not values[-1] > _WIDER:
+        return
+    # of what is left with the offset open, the same shares
+    root = np.linalg.cholesky(information)
+    values = np.where(values > _WIDER, values, 1.0)
+    information[:] = root @ (directions / values) @ directions.T @ root.T
 
 
 def _is_passed(

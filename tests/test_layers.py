@@ -42,7 +42,7 @@ ONLY_IN = {
 }
 
 RANKS = (
-    {"arrays", "se2", "kernels", "pose_arrays", "whole_files"},
+    {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files"},
     {
         "measurements",
         "odometry",

@@ -14,7 +14,14 @@ from slam.kernels.beam_likelihood import (
     OFFSET_PULL,
     look,
 )
-from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside, share_absent, smoothed
+from slam.kernels.edges import (
+    edge_likelihoods,
+    moments_about,
+    propagate,
+    ranges_beside,
+    share_absent,
+    smoothed,
+)
 from slam.kernels.mixed_pixels import mixing_shares
 from slam.kernels.normal_equations import inverted, moved, solved
 from slam.kernels.ray_casting import cast_fan, to_base
@@ -200,8 +207,10 @@ def sharpen(
     predicted: FloatArray,
     hit_walls: IntArray,
     is_kept: BoolArray,
+    points: FloatArray,
     smooth_pose: FloatArray,
     smooth_information: FloatArray,
+    moments: FloatArray,
 ) -> None:
     """The pose (3,) and information (3, 3) of `maximise`, in place, with each edge taken for itself.
 
@@ -209,7 +218,8 @@ def sharpen(
     by expectation propagation. smoothness: (2,) sigmas and bend of `keep_smooth`. nodes: (K,) in
     standard deviations, where an edge's likelihood is looked at. predicted, hit_walls: (N,) at the
     pose. sums, is_kept: of the smooth beams. smooth_pose: (3,), smooth_information: (3, 3) results:
-    what the smooth beams say alone.
+    what the smooth beams say alone. moments: (3, 3) result of `moments_about` the pose, with points
+    (P, 3); zeros without edges.
     """
     count = angles.shape[0]
     vertices, bearings = np.empty_like(map_vertices), np.empty_like(map_vertices)
@@ -240,6 +250,7 @@ def sharpen(
     moved(pose, step)
     pull_offset(sums, step)
     smooth_pose[:], smooth_information[:] = pose, information
+    moments[:] = 0.0
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     edges = np.empty(count, dtype=np.int64)
     edge_count = 0
@@ -282,5 +293,6 @@ def sharpen(
     smoothed(likelihoods, edge_blurs)
     mean = np.zeros(3)
     propagate(information, axes, shifts, likelihoods, sweeps, mean, covariance)
+    moments_about(smooth_information, axes, shifts, likelihoods, points, mean, information, moments)
     moved(pose, mean)
     pull_offset(sums, mean)

@@ -25,6 +25,8 @@ _MIN_PRECISION = 1e-3
 _LEAST_SHARE = 0.3
 """Chosen: of the information of edges, however they disagree."""
 _ROOT_TWO_PI = 2.5066282746310002
+_SPREAD = 2.0
+"""Chosen: of the points about the Gaussian found, in its standard deviations."""
 _DAMPING = 0.8
 """Chosen: full steps of expectation propagation may swing between two edges that disagree."""
 
@@ -253,3 +255,79 @@ def smoothed(likelihoods: FloatArray, times: int) -> None:
                 here, after = likelihoods[e, k], likelihoods[e, min(k + 1, last)]
                 likelihoods[e, k] = 0.25 * before + 0.5 * here + 0.25 * after
                 before = here
+
+
+@compiled
+def moments_about(
+    smooth_information: FloatArray,
+    axes: FloatArray,
+    shifts: FloatArray,
+    likelihoods: FloatArray,
+    points: FloatArray,
+    mean: FloatArray,
+    information: FloatArray,
+    moments: FloatArray,
+) -> None:
+    """Second moments (3, 3) about a mean (3,) of what smooth beams and edges say together.
+
+    By importance sampling: expectation propagation puts one Gaussian where two answers or long tails
+    may be. Half of the points (P, 3), standard normal, are spread as the smooth beams alone say,
+    half as the Gaussian found (3, 3) says, twice as wide; weights by the mixture of both.
+    smooth_information: (3, 3) about zero. axes, shifts, likelihoods: of `propagate`.
+    """
+    wide, narrow = np.zeros((3, 3)), np.zeros((3, 3))
+    log_wide = lower_root_into(inverted(smooth_information), 1.0, wide)
+    log_narrow = lower_root_into(inverted(information), _SPREAD, narrow)
+    logs, half = np.log(likelihoods), points.shape[0] // 2
+    last = shifts.shape[1] - 1
+    x, off, weights = np.empty((points.shape[0], 3)), np.empty(3), np.empty(points.shape[0])
+    best = -np.inf
+    for p in range(points.shape[0]):
+        for j in range(3):
+            x[p, j] = 0.0 if p < half else mean[j]
+            for k in range(j + 1):
+                x[p, j] += (wide[j, k] if p < half else narrow[j, k]) * points[p, k]
+            off[j] = x[p, j] - mean[j]
+        from_wide = from_narrow = 0.0
+        for j in range(3):
+            for k in range(3):
+                from_wide += x[p, j] * smooth_information[j, k] * x[p, k]
+                from_narrow += off[j] * information[j, k] * off[k]
+        told = -0.5 * from_wide
+        for e in range(axes.shape[0]):
+            shift = axes[e, 0] * x[p, 0] + axes[e, 1] * x[p, 1] + axes[e, 2] * x[p, 2]
+            at = (shift - shifts[e, 0]) / (shifts[e, 1] - shifts[e, 0])
+            at = min(max(at, 0.0), last - 1e-9)
+            node = int(at)
+            told += logs[e, node] + (at - node) * (logs[e, node + 1] - logs[e, node])
+        first = -0.5 * from_wide - log_wide
+        second = -0.5 * from_narrow / (_SPREAD * _SPREAD) - log_narrow
+        most = max(first, second)
+        weights[p] = told - most - math.log(math.exp(first - most) + math.exp(second - most))
+        best = max(best, weights[p])
+    moments[:] = 0.0
+    mass = 0.0
+    for p in range(points.shape[0]):
+        weight = math.exp(weights[p] - best)
+        mass += weight
+        for j in range(3):
+            for k in range(3):
+                moments[j, k] += weight * (x[p, j] - mean[j]) * (x[p, k] - mean[k])
+    moments /= mass
+
+
+@compiled
+def lower_root_into(covariance: FloatArray, scale: float, root: FloatArray) -> float:
+    """Cholesky's lower root (3, 3) of a covariance, times a scale; the log of its determinant."""
+    total = 0.0
+    for j in range(3):
+        for k in range(j + 1):
+            left = covariance[j, k]
+            for m in range(k):
+                left -= root[j, m] * root[k, m]
+            root[j, k] = math.sqrt(max(left, 1e-30)) if j == k else left / root[k, k]
+    for j in range(3):
+        for k in range(j + 1):
+            root[j, k] *= scale
+        total += math.log(root[j, j])
+    return total

@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.kernels.edges import edge_likelihoods, propagate, ranges_beside, share_absent
+from slam.kernels.edges import (
+    edge_likelihoods,
+    moments_about,
+    propagate,
+    ranges_beside,
+    share_absent,
+)
 from slam.kernels.mixed_pixels import density_beside, mixing_shares, slope_and_bend
 from slam.kernels.smooth_beams import keep_smooth
+from slam.normal_points import standard_normal_points
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, scan_of
@@ -292,3 +299,53 @@ def test_beam_that_vouches_for_itself_is_not_smooth_beside_a_jump():
     is_kept, _, _ = kept(segments, pose, unsure, sigma_m=0.05, blur_m=0.0)
     assert is_kept[is_steep].all()
     assert not is_kept[is_flat].any()
+
+
+def moments(axes, shifts, likelihoods, count=64):
+    """Second moments about the mean that `propagate` finds; those of many random points; what
+    `propagate` says they are."""
+    mean, covariance = np.zeros(3), np.zeros((3, 3))
+    information = INFORMATION.copy()
+    propagate(information, axes, shifts, likelihoods, 4, mean, covariance)
+    found = np.empty((3, 3))
+    points = standard_normal_points(count)
+    moments_about(INFORMATION, axes, shifts, likelihoods, points, mean, information, found)
+    drawn = np.random.default_rng(0).multivariate_normal(
+        np.zeros(3), np.linalg.inv(INFORMATION), 200_000
+    )
+    weights = np.ones(len(drawn))
+    for axis, at_m, likelihood in zip(axes, shifts, likelihoods, strict=True):
+        weights *= np.exp(np.interp(drawn @ axis, at_m, np.log(likelihood)))
+    off = drawn - mean
+    return found, (off.T * weights) @ off / weights.sum(), np.linalg.inv(information)
+
+
+def test_moments_are_those_of_all_that_smooth_beams_and_edges_say():
+    rng = np.random.default_rng(3)
+    turns = rng.uniform(-np.pi, np.pi, 5)
+    axes = np.column_stack([-np.sin(turns), np.cos(turns), rng.uniform(0.5, 4.0, 5)])
+    shifts = nodes_along(axes)
+    # an edge each, somewhere: the beam ends before it on one side
+    likelihoods = np.where(shifts > shifts[:, [12]], 1.0, 0.02)
+    found, expected, _ = moments(axes, shifts, likelihoods, count=4096)
+    np.testing.assert_allclose(found, expected, atol=0.1 * np.abs(expected).max())
+    few, _, _ = moments(axes, shifts, likelihoods)
+    np.testing.assert_allclose(few, expected, atol=0.4 * np.abs(expected).max())
+
+
+def test_moments_tell_of_the_answer_that_expectation_propagation_leaves_out():
+    axes = np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    shifts = nodes_along(axes)
+    # two places fit, one three times as well: the Gaussian found is that of the one
+    peaks = np.exp(-0.5 * ((shifts - shifts[:, [22]]) / 8e-4) ** 2)
+    peaks += 0.55 * np.exp(-0.5 * ((shifts - shifts[:, [9]]) / 8e-4) ** 2)
+    found, expected, told = moments(axes, shifts, peaks + 1e-6)
+    assert expected[1, 1] > 10.0 * told[1, 1]
+    assert found[1, 1] == pytest.approx(expected[1, 1], rel=0.3)
+
+
+@pytest.mark.parametrize("stretch", [slice(0, 64), slice(0, 32), slice(32, 64), slice(100, 228)])
+def test_points_fill_a_normal_distribution_and_so_does_any_stretch_of_them(stretch):
+    points = standard_normal_points(256)[stretch]
+    assert np.abs(points.mean(axis=0)).max() < 0.16
+    assert np.cov(points.T) == pytest.approx(np.eye(3), abs=0.2)
