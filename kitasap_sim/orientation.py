@@ -1,7 +1,6 @@
 """Quaternions of what stands upright, or nearly: their heading, and turning it."""
 
 import math
-
 from collections.abc import Sequence
 
 import mujoco

@@ -82,7 +82,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     A collision (the robot touches anything but the floor) ends the episode and costs 5.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 (Gymnasium declares it so)
         "render_modes": ["human", "rgb_array"],
         "render_fps": round(1.0 / CONTROL_S),
     }
@@ -123,7 +123,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         range_m = min(self.laser.range_max_m, 30.0)
         self._range_m = range_m
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.observation_space = spaces.Dict(
+        self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
                 "scan": box(np.zeros(beams), np.full(beams, range_m)),
                 "odometry": box([-_FARTHEST_M, -_FARTHEST_M, -math.pi]),

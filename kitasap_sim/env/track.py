@@ -1,5 +1,6 @@
 """`Kitasap2/Track-v0`: follow a path at speed."""
 
+import itertools
 import math
 from typing import Any, ClassVar
 
@@ -85,7 +86,7 @@ class TrackEnv(KitasapEnv):
             corners_m = self.place.track_m
         else:
             corners_m = _drawn(self.place, self.np_random)
-        for start_m, end_m in zip(corners_m[:-1], corners_m[1:], strict=True):
+        for start_m, end_m in itertools.pairwise(corners_m):
             if not self.place.is_way_free(start_m, end_m):
                 raise ValueError(
                     f"path: something stands between ({start_m[0]:.2f}, {start_m[1]:.2f}) and"
