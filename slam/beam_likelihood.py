@@ -236,7 +236,7 @@ def _matched(
     told = information.copy() if is_sharpened else information
     offset_m, offset_sigma_m = free_offset(information, sums, config.offset_odds, pose)
     if is_sharpened:
-        _widen(told, moments, information)
+        _widen(told, moments, smooth_information, information)
     used, behind_ratio = int(verdict[USED]), float(verdict[BEHIND]) / max(int(verdict[USED]), 1)
     missing_ratio = 0.0
     if segment_map.is_exact and behind_ratio > _MISSING_AT_ALL:
@@ -260,9 +260,12 @@ def _matched(
     )
 
 
-def _widen(told: FloatArray, moments: FloatArray, information: FloatArray) -> None:
+def _widen(
+    told: FloatArray, moments: FloatArray, smooth: FloatArray, information: FloatArray
+) -> None:
     """Makes an information (3, 3), in place, less sure along the ways in which samples of what edges
-    say scatter wider about the pose, moments (3, 3), than the Gaussian told (3, 3) of them."""
+    say scatter wider about the pose, moments (3, 3), than the Gaussian told (3, 3) of them; never less
+    sure than the smooth beams (3, 3)."""
     # in units of its own deviations it is 1 every way
     if np.sum(told * moments) < 2.0 + _WIDER:
         return
@@ -271,9 +274,24 @@ def _widen(told: FloatArray, moments: FloatArray, information: FloatArray) -> No
     if not values[-1] > _WIDER:
         return
     # of what is left with the offset open, the same shares
-    root = np.linalg.cholesky(information)
     values = np.where(values > _WIDER, values, 1.0)
-    information[:] = root @ (directions / values) @ directions.T @ root.T
+    information[:] = _transformed(information, (directions / values) @ directions.T)
+    values, directions = np.linalg.eigh(_whitened(information, smooth))
+    if values[0] < 1.0:
+        values = np.maximum(values, 1.0)
+        information[:] = _transformed(smooth, (directions * values) @ directions.T)
+
+
+def _transformed(information: FloatArray, shares: FloatArray) -> FloatArray:
+    """(3, 3) an information times shares (3, 3) of it, symmetric, in units of its own deviations."""
+    root = np.linalg.cholesky(information)
+    return np.asarray(root @ shares @ root.T)
+
+
+def _whitened(information: FloatArray, of: FloatArray) -> FloatArray:
+    """(3, 3) an information in units of the deviations of another."""
+    root = np.linalg.cholesky(of)
+    return np.asarray(np.linalg.solve(root, np.linalg.solve(root, information).T))
 
 
 def _is_passed(

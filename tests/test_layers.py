@@ -17,7 +17,7 @@ MAY_IMPORT = {
     "slam": {"slam", "numpy", "scipy", "numba"},
     "experiments": {
         *("experiments", "slam", "kitasap_sim", "models", "numpy", "mujoco"),
-        *("typer", "rich", "yaml", "jinja2"),
+        *("gymnasium", "typer", "rich", "yaml", "jinja2"),
     },
 }
 ONLY_IN = {

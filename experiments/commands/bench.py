@@ -78,3 +78,17 @@ def mapping(
     if out is not None:
         checked_file(out)
     print_benchmark(log, out)
+
+
+@app.command()
+def env(
+    place: Annotated[
+        str, typer.Option(help="A place's name or MJCF file, or 'random'.")
+    ] = "random",
+    difficulty: Annotated[float, typer.Option(min=0.0, max=1.0, help="Of a random room.")] = 0.5,
+    seed: Seed = 0,
+) -> None:
+    """What the driving tasks cost beside the bare physics, and many of them at once."""
+    from experiments.bench.env import print_benchmark
+
+    print_benchmark(place, difficulty, seed)

@@ -9,6 +9,7 @@ from scipy.optimize import minimize
 from slam.beam_likelihood import (
     BeamConfig,
     BeamMatch,
+    _widen,
     covariance_of,
     cramer_rao_bound,
     fisher_information,
@@ -470,3 +471,14 @@ def test_search_that_cannot_be_is_refused(wrong, said):
 def test_laser_that_cannot_be_is_refused(wrong, said):
     with pytest.raises(ValueError, match=said):
         LaserModel(RangeNoise(((1.0, 0.01),)), **wrong)
+
+
+def test_widened_information_keeps_what_the_smooth_beams_tell():
+    smooth, told = np.diag([1e6, 2e6, 4e6]), np.diag([3e6, 8e6, 5e7])
+    information = told.copy()
+    _widen(told, np.diag([1.0, 1.0, 1.0]), smooth, information)
+    np.testing.assert_allclose(information, smooth, rtol=1e-9)
+    # what samples confirm stays, along one way as along another
+    information = told.copy()
+    _widen(told, np.linalg.inv(told) * np.diag([1.0, 1.0, 2.5]), smooth, information)
+    np.testing.assert_allclose(information, np.diag([3e6, 8e6, 2e7]), rtol=1e-9)

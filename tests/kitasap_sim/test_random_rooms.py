@@ -1,0 +1,37 @@
+"""Random rooms: as difficult as asked for, and always to be driven in."""
+
+import numpy as np
+import pytest
+
+from kitasap_sim.random_rooms import random_room
+
+
+def test_equal_generators_draw_equal_rooms():
+    one, same, other = (random_room(np.random.default_rng(seed), 0.7) for seed in (1, 1, 2))
+    assert one.digest == same.digest != other.digest
+
+
+def test_harder_rooms_have_more_in_them_and_less_floor():
+    counts, floors = [], []
+    for difficulty in (0.0, 0.5, 1.0):
+        rooms = [random_room(np.random.default_rng(seed), difficulty) for seed in range(6)]
+        counts.append(np.mean([room.model.ngeom for room in rooms]))
+        floors.append(np.mean([len(room.free_centres_m) for room in rooms]))
+    assert counts[0] == 5.0
+    assert counts[0] < counts[1] < counts[2]
+    assert floors[0] > floors[1] > floors[2]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_quarter_of_the_hardest_room_can_be_reached(seed):
+    room = random_room(np.random.default_rng(seed), 1.0)
+    lower, upper = room.bounds_m
+    floor_m2 = float(np.prod(upper - lower))
+    assert len(room.free_centres_m) * room.free_cell_m**2 > 0.2 * floor_m2
+    assert room.is_free(room.start[:2])[0]
+
+
+@pytest.mark.parametrize("difficulty", [-0.1, 1.1, np.nan])
+def test_other_difficulties_are_refused(difficulty):
+    with pytest.raises(ValueError, match="between 0 and 1"):
+        random_room(np.random.default_rng(0), difficulty)
