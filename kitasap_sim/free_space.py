@@ -48,11 +48,12 @@ def widened(mask: np.ndarray, radius_cells: float) -> np.ndarray:
     reach = int(np.ceil(radius_cells))
     offsets = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
     offsets = offsets[np.hypot(*offsets.T) <= radius_cells]
-    padded = np.zeros((mask.shape[0] + 2 * reach, mask.shape[1] + 2 * reach), dtype=bool)
-    cells = np.argwhere(mask) + reach
-    for offset in offsets:
-        padded[tuple((cells + offset).T)] = True
-    return padded[reach : reach + mask.shape[0], reach : reach + mask.shape[1]]
+    rows, columns = mask.shape
+    padded = np.zeros((rows + 2 * reach, columns + 2 * reach), dtype=bool)
+    # the mask shifted as a whole: a lit room has a million cells, each to be looked up otherwise
+    for i, j in (offsets + reach).tolist():
+        padded[i : i + rows, j : j + columns] |= mask
+    return padded[reach : reach + rows, reach : reach + columns]
 
 
 def steps_to(is_open: np.ndarray, seeds: np.ndarray) -> np.ndarray:
@@ -73,7 +74,11 @@ def steps_to(is_open: np.ndarray, seeds: np.ndarray) -> np.ndarray:
         dry[front] = False
         counts[front] = count
         reached = (front[:, None] + np.array([-width, -1, 1, width])).ravel()
-        front = np.unique(reached[dry[reached]])
+        reached = reached[dry[reached]]
+        # each cell once, by whose mark stays on it: sorting them takes three times as long
+        marks = np.arange(reached.size)
+        counts[reached] = marks
+        front = reached[counts[reached] == marks]
         count += 1
     return steps[1:-1, 1:-1]
 
