@@ -109,13 +109,14 @@ class Method:
     def localizer(
         self,
         known: KnownPlace,
-        believed: SE2,
+        believed: SE2 | None,
         *,
         is_tracking: bool = False,
         may_be_lost: bool = False,
     ) -> Localizer:
         """A localizer that believes to stand at a pose; is_tracking: and sees every scan;
-        may_be_lost: and is guarded, if the method is one that finds itself."""
+        may_be_lost: and is guarded, if the method is one that finds itself. believed: None: one
+        that has no idea where it is. Raises ValueError where such a one is not guarded."""
         make = (self.tracker if is_tracking else None) or self.matcher
         guard = Guard(known.relocalizer) if may_be_lost and self.finds_itself else None
         return Localizer(make(known), believed, known.T_base_laser, self.config, guard)

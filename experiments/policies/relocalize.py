@@ -1,0 +1,134 @@
+"""Turns to where most is told of the pose, and drives a little where turning does not suffice."""
+
+import math
+
+import numpy as np
+
+from kitasap_sim.env.base import MAX_SPEED_MPS, MAX_TURN_RATE_RADPS, Observation
+from kitasap_sim.laser import LaserSpec
+from kitasap_sim.robot import KITASAP2
+
+_TURN_RAD = math.radians(40.0)
+"""Where the belief names no turn: as the steps of `slam.lost.GuardConfig`."""
+_THERE_RAD = 0.15
+"""Chosen: so near a turn's end the next one begins; the robot need not stop in between."""
+_GAIN_PER_S = 4.0
+"""Of a turn [rad/s per rad]; chosen: brakes from full speed by 4 rad/s2 within the last 0.3 rad."""
+_ROUND_RAD = math.tau
+"""Turned so much in all, either way, every view from here has been seen."""
+_WAY_M = 0.5
+"""Driven between two rounds; chosen: far enough that what hid something does so no more."""
+_LEAST_WAY_M = 0.1
+"""Chosen: a shorter way shows nothing new."""
+_SPEED_MPS = 0.25
+_MARGIN_M = 0.1
+"""Left to all sides of a way; chosen: more than the robot rolls on while it brakes, 3 cm, and than
+passes unseen between two beams 4 degrees apart at the end of a way."""
+_BEHIND_RAD = math.radians(15.0)
+"""From one way that is looked at to the next."""
+
+
+class TurnToDisambiguate:
+    """Policy for `Kitasap2/Relocalize-v0` within `experiments.beliefs.BeliefReward`.
+
+    Of the observation it uses `belief`, `scan` and `odometry`; the action is that of
+    `control="twist"`. Unsure or lost it turns on the spot by the telling turn, which it ends before
+    it asks for another. After a whole round in all it drives up to half a metre to the side where
+    its scan shows most room, and turns again; where there is none, it goes on turning. Tracking, it
+    stands. On the spot the robot touches nothing; it drives only where its beams have seen a way as
+    wide as itself with 0.1 m to each side, so it hits nothing but what moves.
+    """
+
+    def __init__(self, laser: LaserSpec) -> None:
+        """laser: of the task, `env.unwrapped.laser`."""
+        self._mount_m = laser.mount_m[0]
+        self._angles_rad = laser.angles_rad
+        self.reset()
+
+    def reset(self) -> None:
+        """For a new episode."""
+        self._target_rad: float | None = None
+        self._last_rad: float | None = None
+        self._turned_rad = 0.0
+        self._from_m: np.ndarray | None = None
+        self._is_facing = False
+
+    def __call__(self, observation: Observation) -> np.ndarray:
+        """(2,) float32, speed and turn rate in shares of the largest."""
+        x, y, heading_rad = observation["odometry"].astype(float).tolist()
+        if self._last_rad is not None:
+            self._turned_rad += abs(math.remainder(heading_rad - self._last_rad, math.tau))
+        self._last_rad = heading_rad
+        if observation["belief"][0] > 0.5:
+            self._target_rad = None
+            return _action(0.0, 0.0)
+        if self._from_m is not None:
+            return self._drive(observation, np.array([x, y]), heading_rad)
+        if self._turned_rad >= _ROUND_RAD:
+            self._turned_rad = 0.0
+            way = self._roomiest(observation)
+            if way is not None:
+                self._from_m, self._is_facing = np.array([x, y]), False
+                self._target_rad = heading_rad + way
+                return self._drive(observation, np.array([x, y]), heading_rad)
+        return self._turn(float(observation["belief"][4]) * math.pi, heading_rad)
+
+    def _turn(self, telling_rad: float, heading_rad: float) -> np.ndarray:
+        """On the spot, turn after turn."""
+        if self._target_rad is None or self._left_rad(heading_rad) is None:
+            self._target_rad = heading_rad + (telling_rad or _TURN_RAD)
+        return _action(0.0, _GAIN_PER_S * self._off_rad(heading_rad))
+
+    def _drive(
+        self, observation: Observation, here_m: np.ndarray, heading_rad: float
+    ) -> np.ndarray:
+        """Towards the roomiest side: first to face it, then ahead as far as it is free."""
+        assert self._from_m is not None
+        off_rad = self._off_rad(heading_rad)
+        self._is_facing = self._is_facing or abs(off_rad) < 0.05
+        if not self._is_facing:
+            return _action(0.0, _GAIN_PER_S * off_rad)
+        room_m = self._room_m(observation, 0.0)
+        left_m = min(_WAY_M - float(np.hypot(*(here_m - self._from_m))), room_m)
+        if left_m < 0.02:
+            self._from_m, self._target_rad, self._turned_rad = None, None, 0.0
+            return _action(0.0, 0.0)
+        # braking by 1 m/s2 takes v2 / 2
+        return _action(min(_SPEED_MPS, math.sqrt(left_m)), 0.0)
+
+    def _roomiest(self, observation: Observation) -> float | None:
+        """The turn [rad] to where the robot can drive farthest; None where it can nowhere."""
+        first, last = float(self._angles_rad[0]), float(self._angles_rad[-1])
+        # with beams to either side of the way
+        low, high = first + math.pi / 2.0, last - math.pi / 2.0
+        turns = [k * _BEHIND_RAD for k in range(-11, 12) if low <= k * _BEHIND_RAD <= high]
+        rooms_m = [self._room_m(observation, turn) for turn in turns]
+        best = int(np.argmax(rooms_m)) if turns else -1
+        return turns[best] if best >= 0 and rooms_m[best] >= _LEAST_WAY_M else None
+
+    def _room_m(self, observation: Observation, turn_rad: float) -> float:
+        """How far the robot can drive ahead after a turn on the spot, by its beams."""
+        ranges_m = observation["scan"].astype(float)
+        x = self._mount_m + ranges_m * np.cos(self._angles_rad)
+        y = ranges_m * np.sin(self._angles_rad)
+        c, s = math.cos(turn_rad), math.sin(turn_rad)
+        ahead_m, aside_m = c * x + s * y, c * y - s * x
+        width_m = KITASAP2.radius_m + _MARGIN_M
+        is_in_way = (np.abs(aside_m) < width_m) & (ahead_m > 0.0)
+        nearest_m = float(ahead_m[is_in_way].min(initial=math.inf))
+        return max(nearest_m - width_m, 0.0)
+
+    def _off_rad(self, heading_rad: float) -> float:
+        """From the heading to the target, the shorter way round."""
+        assert self._target_rad is not None
+        return math.remainder(self._target_rad - heading_rad, math.tau)
+
+    def _left_rad(self, heading_rad: float) -> float | None:
+        """What is left of a turn; None where it is over."""
+        off_rad = self._off_rad(heading_rad)
+        return off_rad if abs(off_rad) > _THERE_RAD else None
+
+
+def _action(speed_mps: float, turn_rate_radps: float) -> np.ndarray:
+    shares = [speed_mps / MAX_SPEED_MPS, turn_rate_radps / MAX_TURN_RATE_RADPS]
+    return np.array(shares, dtype=np.float32).clip(-1.0, 1.0)
