@@ -1,6 +1,6 @@
 """A SLAM pose for the driving tasks: what their encoders let drift, the laser holds."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -9,11 +9,14 @@ from gymnasium.utils import RecordConstructorArgs
 from experiments.methods import METHODS, checked_methods
 from experiments.observations import ObservationSource, known_place, task_of
 from kitasap_sim.env.base import Observation, box
+from kitasap_sim.env.track import TrackEnv, path_ahead
 from slam.localization import Estimate
 from slam.se2 import SE2
 
 _FARTHEST_M = 1000.0
 """Bound of `pose_slam`: as of `odometry`."""
+_GOAL_BOUNDS = np.array([100.0, 100.0, 1.0, 1.0], dtype=np.float32)
+"""As of the task's."""
 _VAGUEST = 10.0
 """Bound of `pose_sigma` [m, rad]; chosen: more is no knowledge of a pose in any place here."""
 
@@ -36,7 +39,7 @@ class SlamPose(
     | `pose_slam` | (3,) | +-1000 m, +-pi | x, y [m], heading [rad] in the map's frame, which is the world's |
     | `pose_sigma` | (3,) | 0 to 10 | standard deviations ahead, aside [m] and of the heading [rad], in the robot's frame; 10 where the method claims nothing |
     | `goal` | (4,) | as the task's | of `GoTo`: as seen from `pose_slam` |
-    | `path` | (10,) | as the task's | of `Track`: the same points of the path, as seen from `pose_slam`; which they are, the task still tells by its encoders |
+    | `path` | (10,) | as the task's | of `Track`: the points ahead of the nearest to `pose_slam`, as seen from it; the robot is told the path at reset |
 
     ## Info: that of the task, and besides, with every reset and step
 
@@ -48,8 +51,6 @@ class SlamPose(
     makes its map: 0.2 s for a random room, 2 s for `place_fig6`. A step takes 4 to 8 ms more.
     Raises ValueError for an unknown method, TypeError for an environment that is none of ours.
     """
-
-    CARRIED: ClassVar[tuple[str, ...]] = ("goal", "path")
 
     def __init__(
         self, env: gymnasium.Env[Observation, np.ndarray], *, method: str = "limit"
@@ -75,7 +76,7 @@ class SlamPose(
         observation, info = self.env.reset(seed=seed, options=options)
         # before it has moved, where its odometry has it is where it stands
         self._T_map_start = SE2.from_array(info["pose_odometry"])
-        self._source = ObservationSource(self._task)
+        self._source, self._along_m = ObservationSource(self._task), 0.0
         self._localizer = self._method.localizer(
             known_place(self._task), self._T_map_start, is_tracking=True
         )
@@ -101,25 +102,21 @@ class SlamPose(
             "pose_sigma": _sigmas(estimate).astype(np.float32),
         }
         if "goal" in observation:
-            added["goal"] = self._bounded("goal", _goal(T_base_believed, observation["goal"]))
-        if "path" in observation:
-            points = T_base_believed @ observation["path"].astype(float).reshape(-1, 2)
-            added["path"] = self._bounded("path", points.ravel())
+            added["goal"] = _goal(T_base_believed, observation["goal"])
+        if isinstance(self._task, TrackEnv):
+            path, pose = self._task.path, T_map_base.as_array()
+            self._along_m, _ = path.nearest(pose[:2], self._along_m)
+            added["path"] = path_ahead(path, pose, self._along_m)
         return {**observation, **added}, {**info, "pose_slam": T_map_base.as_array()}
-
-    def _bounded(self, key: str, values: np.ndarray) -> np.ndarray:
-        space = self.observation_space
-        assert isinstance(space, gymnasium.spaces.Dict)
-        bounds = space[key]
-        assert isinstance(bounds, gymnasium.spaces.Box)
-        return values.astype(np.float32).clip(bounds.low, bounds.high)
 
 
 def _goal(T_base_believed: SE2, goal: np.ndarray) -> np.ndarray:
-    """(4,) a goal x, y, cosine, sine in the frame where the robot believes to be, as seen from it."""
+    """(4,) float32 a goal x, y, cosine, sine in the frame where the encoders have the robot, as seen
+    from where it is."""
     spot_m, along = goal[:2].astype(float), goal[2:].astype(float)
     turned = SE2(0.0, 0.0, T_base_believed.theta) @ along[None]
-    return np.concatenate([(T_base_believed @ spot_m[None])[0], turned[0]])
+    seen = np.concatenate([(T_base_believed @ spot_m[None])[0], turned[0]])
+    return seen.astype(np.float32).clip(-_GOAL_BOUNDS, _GOAL_BOUNDS)
 
 
 def _sigmas(estimate: Estimate) -> np.ndarray:

@@ -118,13 +118,15 @@ class TrackEnv(KitasapEnv):
         }
         return terms, is_done, is_done
 
+    @property
+    def path(self) -> Path:
+        """Of this episode, in the world: what the robot is to follow."""
+        return self._path
+
     def _observed(self) -> Observation:
         believed = self._last_odometry
         self._believed_m, _ = self._path.nearest(believed[:2], self._believed_m)
-        ahead = [self._path.at(self._believed_m + ahead_m) for ahead_m in _AHEAD_M]
-        seen = [seen_from(believed, np.array([*point, 0.0]))[:2] for point in ahead]
-        points = np.concatenate(seen).clip(-_FARTHEST_M, _FARTHEST_M)
-        return {"path": points.astype(np.float32)}
+        return {"path": path_ahead(self._path, believed, self._believed_m)}
 
     def _told(self) -> dict[str, Any]:
         return {
@@ -137,6 +139,13 @@ class TrackEnv(KitasapEnv):
     def _marks(self) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
         spots = np.arange(0.0, self._path.length_m, 0.25)
         return [(np.array(self._path.at(float(s))), (0.1, 0.65, 0.25)) for s in spots]
+
+
+def path_ahead(path: Path, pose: np.ndarray, along_m: float) -> np.ndarray:
+    """(10,) the observation `path` of a robot that believes to be at a pose (3,), so far along."""
+    ahead = [path.at(along_m + ahead_m) for ahead_m in _AHEAD_M]
+    seen = [seen_from(pose, np.array([*point, 0.0]))[:2] for point in ahead]
+    return np.concatenate(seen).clip(-_FARTHEST_M, _FARTHEST_M).astype(np.float32)
 
 
 def _drawn(place: Place, rng: np.random.Generator) -> np.ndarray:

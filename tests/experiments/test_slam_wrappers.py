@@ -127,10 +127,10 @@ def test_goal_keeps_the_heading_of_the_goal():
 
 
 def test_path_lies_where_it_truly_is():
-    # the task shows points by drifting encoders; carried over, they lie on the true path
+    # where the task alone shows it by drifting encoders
     env = SlamPose(track(wheel_radii=(0.02, 0.02)))
     observation, _ = env.reset(seed=2)
-    corners_m = env.unwrapped._path.corners_m
+    corners_m = env.unwrapped.path.corners_m
     off_m = []
     for _ in range(60):
         # towards the second point ahead
