@@ -1,0 +1,51 @@
+"""Masks over the floor against slow, obvious versions of them."""
+
+import numpy as np
+
+from kitasap_sim.free_space import steps_to, widened
+
+
+def slow_widened(mask, radius_cells):
+    middles, lit = np.indices(mask.shape).reshape(2, -1).T, np.argwhere(mask)
+    if not len(lit):
+        return np.zeros_like(mask)
+    away = np.hypot(*(middles[:, None] - lit[None]).transpose(2, 0, 1))
+    return (away.min(axis=1) <= radius_cells).reshape(mask.shape)
+
+
+def slow_steps_to(is_open, seeds):
+    steps = np.full(is_open.shape, -1)
+    front = {tuple(seed) for seed in seeds.tolist() if is_open[tuple(seed)]}
+    count = 0
+    while front:
+        for cell in front:
+            steps[cell] = count
+        beside = {(i + a, j + b) for i, j in front for a, b in ((0, 1), (1, 0), (0, -1), (-1, 0))}
+        rows, columns = is_open.shape
+        front = {
+            (i, j)
+            for i, j in beside
+            if 0 <= i < rows and 0 <= j < columns and is_open[i, j] and steps[i, j] < 0
+        }
+        count += 1
+    return steps
+
+
+def masks(count):
+    rng = np.random.default_rng(0)
+    for _ in range(count):
+        yield rng.random(tuple(rng.integers(1, 16, 2))) < rng.random(), rng
+
+
+def test_widened_mask_holds_what_lies_within_the_radius():
+    for mask, rng in masks(100):
+        radius_cells = float(rng.choice([0.5, 1.0, 1.5, 3.0, 7.2]))
+        assert np.array_equal(widened(mask, radius_cells), slow_widened(mask, radius_cells))
+
+
+def test_steps_are_those_of_a_flood_cell_by_cell():
+    for mask, rng in masks(100):
+        # some seeds twice, some not open
+        seeds = rng.integers(0, mask.shape, (int(rng.integers(0, 6)), 2))
+        seeds = np.concatenate([seeds, seeds[:2]])
+        assert np.array_equal(steps_to(mask, seeds), slow_steps_to(mask, seeds))
