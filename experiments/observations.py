@@ -26,7 +26,7 @@ _PLACES_KEPT = 16
 
 
 class ObservationSource:
-    """The measurements of one episode: `measurement` of the observation of `reset`, then of each step.
+    """The measurements of one episode: of the observation of `reset`, then of each step's.
 
     The observation must have `scan` and `odometry`; `info` only `time_s`.
     """

@@ -36,11 +36,12 @@ class TurnToDisambiguate:
     """Policy for `Kitasap2/Relocalize-v0` within `experiments.beliefs.BeliefReward`.
 
     Of the observation it uses `belief`, `scan` and `odometry`; the action is that of
-    `control="twist"`. Unsure or lost it turns on the spot by the telling turn, and then on to the same
-    side: turn by telling turn it would go to and fro, while two places are about as likely. After a whole round in all it drives up to half a metre where its scans
-    showed most room, on rather than back, and turns again; where there is none, it goes on turning. Tracking, it
-    stands. On the spot the robot touches nothing; it drives only where its beams have seen a way as
-    wide as itself with 0.1 m to each side, so it hits nothing but what moves.
+    `control="twist"`. Unsure or lost it turns on the spot by the telling turn, and then on to the
+    same side: turn by telling turn it would go to and fro, while two places are about as likely.
+    After a whole round in all it drives up to half a metre where its scans showed most room, on
+    rather than back, and turns again; where there is none, it goes on turning. Tracking, it stands.
+    On the spot the robot touches nothing; it drives only where its beams have seen a way as wide as
+    itself with 0.1 m to each side, so it hits nothing but what moves.
     """
 
     def __init__(self, laser: LaserSpec) -> None:
@@ -67,7 +68,7 @@ class TurnToDisambiguate:
             self._turned_rad += abs(math.remainder(heading_rad - self._last_rad, math.tau))
         self._last_rad = heading_rad
         if observation["belief"][0] > 0.5:
-            self._target_rad = None
+            self.reset()
             return _action(0.0, 0.0)
         if self._from_m is not None:
             return self._drive(observation, np.array([x, y]), heading_rad)

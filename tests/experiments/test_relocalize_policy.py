@@ -57,3 +57,21 @@ def test_policy_stops_before_what_comes_into_its_way():
     assert abs(heading_rad) > math.tau - 0.6  # after a round, less the turn to face the way
     assert act(3.0)[0] > 0.0
     assert act(0.3)[0] == 0.0
+
+
+def test_policy_begins_anew_where_it_was_sure_for_a_moment():
+    policy = TurnToDisambiguate(laser("urg_04lx"))
+    heading_rad, scan = 0.0, np.full(682, 3.0, dtype=np.float32)
+
+    def act(is_tracking):
+        odometry = np.array([0.0, 0.0, math.remainder(heading_rad, math.tau)], dtype=np.float32)
+        belief = np.array([is_tracking, *[0.0] * 7], dtype=np.float32)
+        return policy({"belief": belief, "scan": scan, "odometry": odometry})
+
+    while policy._from_m is None:
+        heading_rad += 0.05 * 1.5 * float(act(False)[1])
+    # on its way to face where it will drive
+    assert act(True).tolist() == [0.0, 0.0]
+    action = act(False)
+    assert action[0] == 0.0
+    assert action[1] > 0.0
