@@ -9,6 +9,8 @@ from kitasap_sim.env.base import KitasapEnv
 
 _CELL_M = 0.1
 """Of what is counted as seen; chosen."""
+_SPOTS_CELLS, _RAYS = 3, 120
+"""Chosen: from spots 0.3 m apart, all around by 3 degrees, it is told what can be seen at all."""
 _SEEN_WORTH = 1.0
 STEP_COST = 0.005
 SUCCESS_REWARD = 5.0
@@ -66,6 +68,7 @@ class ExploreEnv(KitasapEnv):
 
     def _started(self) -> None:
         is_open, origin_m = self.place.open_cells(_CELL_M)
+        is_open = _in_view(is_open, (self.place.free_centres_m - origin_m) / _CELL_M, self._range_m)
         # a border: beams that leave the place end there
         self._is_open = np.pad(is_open, 1)
         self._origin = complex(*(origin_m - _CELL_M).tolist())
@@ -104,3 +107,24 @@ class ExploreEnv(KitasapEnv):
             "seen_share": self._count / self._to_see,
             "seen_m2": self._count * _CELL_M**2,
         }
+
+
+def _in_view(is_open: np.ndarray, spots: np.ndarray, range_m: float) -> np.ndarray:
+    """Mask of the open cells that beams can reach from some of the spots (K, 2) [cells].
+
+    Open floor behind a gap through which the robot cannot drive may never come in view.
+    """
+    _, first = np.unique(spots.astype(int) // _SPOTS_CELLS, axis=0, return_index=True)
+    angles = np.arange(_RAYS) * (2.0 * math.pi / _RAYS)
+    along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    starts = np.repeat(spots[first], _RAYS, axis=0)
+    ways = np.tile(along, (len(first), 1))
+    padded = np.pad(is_open, 1)
+    is_seen = np.zeros_like(padded)
+    for reach in range(int(range_m / _CELL_M)):
+        cells = np.floor(starts + reach * ways).astype(int) + 1
+        i, j = cells.clip(0, np.array(padded.shape) - 1).T
+        goes_on = padded[i, j]
+        is_seen[i[goes_on], j[goes_on]] = True
+        starts, ways = starts[goes_on], ways[goes_on]
+    return is_seen[1:-1, 1:-1]

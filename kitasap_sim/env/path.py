@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 _REACH_M = 0.6
-"""Chosen: so far along, and as far back, the nearest point is looked for: a path may cross itself."""
+"""Chosen: so far along the nearest point is looked for: a path may cross itself. Never back: where
+it returns beside itself, who follows it would be taken back along the leg that is behind."""
 
 
 class Path:
@@ -37,9 +38,9 @@ class Path:
         return math.atan2(y1 - y0, x1 - x0)
 
     def nearest(self, point_m: np.ndarray, near_m: float) -> tuple[float, float]:
-        """Length along it of the point nearest to a point (2,), near a length, and how far that is [m]."""
+        """Length along it, from near_m on, of the point nearest to a point (2,); how far [m]."""
         px, py = float(point_m[0]), float(point_m[1])
-        low_m, high_m = max(near_m - _REACH_M, 0.0), min(near_m + _REACH_M, self.length_m)
+        low_m, high_m = near_m, min(near_m + _REACH_M, self.length_m)
         best_m, best_off_m = near_m, math.inf
         for leg in range(self._leg(low_m)[0], self._leg(high_m)[0] + 1):
             (x0, y0), (x1, y1) = self._corners[leg], self._corners[leg + 1]
