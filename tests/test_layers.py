@@ -37,6 +37,7 @@ ONLY_IN = {
     "experiments/figures/made_maps.py": {"matplotlib"},
     "experiments/figures/slam_map.py": {"matplotlib"},
     "experiments/map_quality.py": {"scipy"},
+    "experiments/video.py": {"PIL", "imageio_ffmpeg"},
     "experiments/figures/recorded_log.py": {"matplotlib"},
     "experiments/bench/registration_peers.py": {"scipy", "small_gicp", "kiss_icp"},
 }

@@ -1,0 +1,117 @@
+"""The baseline of `Kitasap2/GoTo-v0`: remember obstacles, plan around them, pursue the way."""
+
+import math
+
+import numpy as np
+
+from experiments.policies import kernels
+from experiments.policies.driving import OBSTACLES_M, Driver
+from experiments.policies.local_grid import CELL_M, LocalGrid
+from kitasap_sim.laser import LaserSpec
+from kitasap_sim.robot import KITASAP2
+
+_REPLAN_STEPS = 4
+_AHEAD_M = 0.35
+"""Chosen: how far along the way the point lies that is pursued."""
+_COMFORT_M, _TOUCHING_M, _WALL_M = 0.55, 0.25, 0.10
+_COMFORT_PRICE, _TIGHT_PRICE, TOUCHING_PRICE = 3.0, 15.0, 1000.0
+"""Chosen: what a metre of way costs beyond its length, by the room about it. Above _COMFORT_M
+nothing; less, up to the first down to the robot's radius, from there up to the second; where it
+would touch something the third, not infinity: by noise obstacles look wider than they are."""
+_ARRIVED_M, _LEFT_M = 0.05, 0.12
+"""Of the goal: nearer than the first it turns to its heading, beyond the second it goes on."""
+
+
+class Navigator:
+    """Goes to poses in the odometry's frame, over a grid of what it saw."""
+
+    def __init__(self, laser: LaserSpec, driver: Driver | None = None) -> None:
+        self.grid = LocalGrid(laser)
+        self.driver = driver or Driver()
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is known."""
+        self.grid.reset()
+        self.driver.reset()
+        self._steps = 0
+        self._goal_m: np.ndarray | None = None
+        self._is_there = False
+
+    def see(self, observation: dict[str, np.ndarray]) -> None:
+        """Remembers what the scan tells."""
+        self.grid.update(observation)
+        self._velocity = observation["velocity"]
+        self._obstacles_m = self.grid.obstacles_near(OBSTACLES_M)
+
+    def go_to(self, goal_m: np.ndarray, heading_rad: float | None) -> np.ndarray:
+        """(2,) action towards a point (2,) of the odometry's frame, and, there, to a heading."""
+        grid = self.grid
+        off_m = math.hypot(*(goal_m - grid.pose[:2]).tolist())
+        self._is_there = off_m < (_LEFT_M if self._is_there else _ARRIVED_M)
+        if self._is_there:
+            if heading_rad is None:
+                return np.zeros(2, dtype=np.float32)
+            angle_rad = math.remainder(heading_rad - float(grid.pose[2]), math.tau)
+            return self.driver.turning(angle_rad, self._velocity, self._obstacles_m)
+        self._plan(goal_m)
+        target_m = grid.in_robot(self._point_ahead(goal_m))
+        most_mps = math.sqrt(2.0 * 0.5 * off_m)  # stops there with half the deceleration
+        return self.driver.towards(target_m, self._velocity, self._obstacles_m, most_mps)
+
+    def _plan(self, goal_m: np.ndarray) -> None:
+        is_same = self._goal_m is not None and math.dist(goal_m, self._goal_m) < 0.5 * CELL_M
+        self._steps += 1
+        if is_same and self._steps % _REPLAN_STEPS:
+            return
+        self._goal_m = goal_m
+        self._window = self.grid.window(goal_m)
+        corner = np.array(self._window[:2])
+        self.costs = kernels.costs_to(
+            prices(self.grid.clearance_m(self._window)), (self.grid.cell(goal_m) - corner)[None]
+        )
+
+    def _point_ahead(self, goal_m: np.ndarray) -> np.ndarray:
+        """(2,) of the way to the goal, some way ahead [m]."""
+        corner = np.array(self._window[:2])
+        here = (self.grid.cell(self.grid.pose[:2]) - corner).clip(0, np.array(self.costs.shape) - 1)
+        way = kernels.way_down(self.costs, here, 30)
+        points_m = self.grid.middles_m(way + corner)
+        far_m = np.hypot(*(points_m - self.grid.pose[:2]).T)
+        beyond = np.flatnonzero(far_m >= _AHEAD_M)
+        if beyond.size:
+            return points_m[beyond[0]]
+        return goal_m
+
+
+def prices(clearance_m: np.ndarray) -> np.ndarray:
+    """Per cell of way, by the room about the cells; inf within walls."""
+    comfort = np.interp(clearance_m, [KITASAP2.radius_m, _COMFORT_M], [_COMFORT_PRICE, 0.0])
+    tight = np.interp(
+        clearance_m, [_TOUCHING_M, KITASAP2.radius_m], [_TIGHT_PRICE - _COMFORT_PRICE, 0.0]
+    )
+    extra = np.where(clearance_m < _TOUCHING_M, TOUCHING_PRICE, comfort + tight)
+    return np.where(clearance_m < _WALL_M, np.inf, 1.0 + extra)
+
+
+class GoToBaseline:
+    """Plans on what the scans showed so far; what was not seen counts as free."""
+
+    def __init__(self, laser: LaserSpec) -> None:
+        self._navigator = Navigator(laser)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets the last episode."""
+        self._navigator.reset()
+        self._goal: tuple[np.ndarray, float] | None = None
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+        """(2,) action."""
+        self._navigator.see(observation)
+        if self._goal is None:
+            # later ones drift with the odometry; the grid does not
+            x, y, c, s = observation["goal"].astype(float).tolist()
+            goal_m = self._navigator.grid.from_robot(np.array([x, y]))
+            self._goal = goal_m, float(self._navigator.grid.pose[2]) + math.atan2(s, c)
+        return self._navigator.go_to(*self._goal)
