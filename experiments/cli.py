@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from experiments.commands import bench, logs, simulated, trajectories
+from experiments.commands import bench, drive, logs, simulated, trajectories
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -25,6 +25,7 @@ app.command()(simulated.run)
 app.command()(simulated.trial)
 app.command()(simulated.picture)
 app.command()(simulated.calibrate)
+app.command()(drive.drive)
 app.command("real-log")(logs.real_log)
 app.command()(logs.slam)
 app.command()(logs.localize)
