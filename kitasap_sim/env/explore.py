@@ -59,8 +59,10 @@ class ExploreEnv(KitasapEnv):
         self._share = share
         x, y, _ = self.laser.mount_m
         self._mount_m = x + 1j * y
-        self._along = np.exp(1j * self.laser.angles_rad)
         self._probes_m = np.arange(_CELL_M / 2.0, self._range_m, _CELL_M)
+        # where each beam is looked at, in cells, as complex numbers: seen from the laser
+        along = np.exp(1j * self.laser.angles_rad)
+        self._fan = (along[:, np.newaxis] * self._probes_m / _CELL_M).astype(np.complex64)
 
     def _begin(self, options: dict[str, Any]) -> np.ndarray:
         pose = self._checked_pose(options, "pose")
@@ -70,10 +72,11 @@ class ExploreEnv(KitasapEnv):
         is_open, origin_m = self.place.open_cells(_CELL_M)
         is_open = _in_view(is_open, (self.place.free_centres_m - origin_m) / _CELL_M, self._range_m)
         # a border: beams that leave the place end there
-        self._is_open = np.pad(is_open, 1)
+        is_open = np.pad(is_open, 1)
+        self._shape = is_open.shape
         self._origin = complex(*(origin_m - _CELL_M).tolist())
-        self._is_seen = np.zeros_like(self._is_open)
-        self._to_see = max(int(self._is_open.sum()), 1)
+        self._is_left = is_open.ravel().copy()
+        self._to_see = max(int(np.count_nonzero(is_open)), 1)
         self._count = 0
         self._look()
 
@@ -93,14 +96,15 @@ class ExploreEnv(KitasapEnv):
         x, y, theta = self._pose.tolist()
         turn = complex(math.cos(theta), math.sin(theta))
         at = ((x + 1j * y) + turn * self._mount_m - self._origin) / _CELL_M
-        reach_m = np.minimum(self._ranges_m, self._range_m)
-        beams, probes = np.nonzero(self._probes_m < reach_m[:, None])
-        cells = at + (turn / _CELL_M) * self._along[beams] * self._probes_m[probes]
-        columns, rows = self._is_seen.shape
-        i = cells.real.astype(np.int64).clip(0, columns - 1)
-        j = cells.imag.astype(np.int64).clip(0, rows - 1)
-        self._is_seen[i, j] = True
-        self._count = int(np.count_nonzero(self._is_seen & self._is_open))
+        cells = np.complex64(at) + np.complex64(turn) * self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
+        columns, rows = self._shape
+        i = np.minimum(np.maximum(cells.real, 0.0), columns - 1).astype(np.int64)
+        j = np.minimum(np.maximum(cells.imag, 0.0), rows - 1).astype(np.int64)
+        passed = i * rows + j
+        passed = passed[self._is_left[passed]]
+        if passed.size:
+            self._is_left[passed] = False
+            self._count = self._to_see - int(np.count_nonzero(self._is_left))
 
     def _told(self) -> dict[str, Any]:
         return {
