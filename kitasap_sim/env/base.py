@@ -212,18 +212,9 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One control period. Raises ValueError for an action that is none, and nothing moves."""
-        self.drive(self.check_action(action))
-        return self.outcome()
-
-    def drive(self, action: np.ndarray) -> None:
-        """The physics of a control period, under an action that `check_action` gave: nearly all of a
-        step's time, and what `KitasapVectorEnv` does on threads."""
-        self._action = action
-        self._drive(self.simulation)
-
-    def outcome(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """What `step` returns, after `drive`."""
         sim = self.simulation
+        self._action = self.check_action(action)
+        self._drive(sim)
         self._pose = sim.pose()
         self._ranges_m = sim.fan_ranges_m()
         pose = self._reckoning.update(sim.wheel_ticks())

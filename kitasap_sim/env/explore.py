@@ -96,7 +96,10 @@ class ExploreEnv(KitasapEnv):
         x, y, theta = self._pose.tolist()
         turn = complex(math.cos(theta), math.sin(theta))
         at = ((x + 1j * y) + turn * self._mount_m - self._origin) / _CELL_M
-        cells = np.complex64(at) + np.complex64(turn) * self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
+        cells = (
+            np.complex64(at)
+            + np.complex64(turn) * self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
+        )
         columns, rows = self._shape
         i = np.minimum(np.maximum(cells.real, 0.0), columns - 1).astype(np.int64)
         j = np.minimum(np.maximum(cells.imag, 0.0), rows - 1).astype(np.int64)
