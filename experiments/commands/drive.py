@@ -1,4 +1,4 @@
-"""The command on the driving tasks: `kitasap drive`."""
+"""The commands on the driving tasks: `kitasap drive` and `kitasap train`."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -55,3 +55,17 @@ def drive(
         write_video(video, frames)
         print(f"video: {video}")
     print(f"results: {out}")
+
+
+def train(
+    task: Annotated[str, typer.Argument(help="GoTo: what there is a network for.")],
+    steps: Annotated[
+        int, typer.Option(min=1000, help="Decisions to learn from, four steps of 50 ms each.")
+    ] = 400_000,
+    seed: Seed = 2,
+    out: Annotated[Path, typer.Option(help="Folder of network and curve.")] = RESULTS / "train",
+) -> None:
+    """Trains a policy for a driving task by PPO (extra rl): network and learning curve."""
+    from experiments.train import train as learn
+
+    learn(task, steps, seed, out)
