@@ -95,10 +95,7 @@ class Renderer:
             model, data, self._option, None, self._camera,
             mujoco.mjtCatBit.mjCAT_ALL.value, self._scene,
         )  # fmt: skip
-        for spot, colour in marks:
-            _add_mark(self._scene, spot, colour)
-        if beams_m is not None:
-            _add_beams(self._scene, self._simulation, data, beams_m, self._stride)
+        decorate(self._scene, self._simulation, data, beams_m, marks, self._stride)
         pixels = np.zeros((self._view.height, self._view.width, 3), dtype=np.uint8)
         mujoco.mjr_render(self._view, self._scene, self._gpu)
         mujoco.mjr_readPixels(pixels, None, self._view, self._gpu)
@@ -111,6 +108,21 @@ class Renderer:
             self._gpu.free()
             self._context.free()
             self._context = None
+
+
+def decorate(
+    scene: mujoco.MjvScene,
+    simulation: Simulation,
+    data: mujoco.MjData,
+    beams_m: np.ndarray | None,
+    marks: Sequence[Mark],
+    beam_stride: int = _BEAM_STRIDE,
+) -> None:
+    """Adds marks and every so many-th beam (N,) [m] to a scene, as the state `data` has them."""
+    for spot, colour in marks:
+        _add_mark(scene, spot, colour)
+    if beams_m is not None:
+        _add_beams(scene, simulation, data, beams_m, beam_stride)
 
 
 def _gl_context(width: int, height: int) -> Any:

@@ -25,9 +25,13 @@ _ARRIVED_M, _LEFT_M = 0.05, 0.12
 class Navigator:
     """Goes to poses in the odometry's frame, over a grid of what it saw."""
 
-    def __init__(self, laser: LaserSpec, driver: Driver | None = None) -> None:
+    def __init__(
+        self, laser: LaserSpec, driver: Driver | None = None, replan_steps: int = _REPLAN_STEPS
+    ) -> None:
+        """replan_steps: calls after which the way is planned anew."""
         self.grid = LocalGrid(laser)
         self.driver = driver or Driver()
+        self._replan_steps = replan_steps
         self.reset()
 
     def reset(self) -> None:
@@ -54,15 +58,30 @@ class Navigator:
                 return np.zeros(2, dtype=np.float32)
             angle_rad = math.remainder(heading_rad - float(grid.pose[2]), math.tau)
             return self.driver.turning(angle_rad, self._velocity, self._obstacles_m)
-        self._plan(goal_m)
-        target_m = grid.in_robot(self._point_ahead(goal_m))
+        target_m = self.points_ahead(goal_m, (_AHEAD_M,))[0]
         most_mps = math.sqrt(2.0 * 0.5 * off_m)  # stops there with half the deceleration
         return self.driver.towards(target_m, self._velocity, self._obstacles_m, most_mps)
+
+    def points_ahead(self, goal_m: np.ndarray, ahead_m: tuple[float, ...]) -> np.ndarray:
+        """(K, 2) points of the way to a goal (2,), so far away each, in the robot's frame [m]."""
+        self._plan(goal_m)
+        corner = np.array(self._window[:2])
+        here = (self.grid.cell(self.grid.pose[:2]) - corner).clip(0, np.array(self.costs.shape) - 1)
+        count = round(2.5 * max(ahead_m) / CELL_M) + 12
+        way = kernels.way_down(self.costs, here, count)
+        points_m = self.grid.middles_m(way + corner)
+        far_m = np.hypot(*(points_m - self.grid.pose[:2]).T)
+        chosen = []
+        for least_m in ahead_m:
+            beyond = np.flatnonzero(far_m >= least_m)
+            point_m = points_m[beyond[0]] if beyond.size else goal_m
+            chosen.append(self.grid.in_robot(point_m))
+        return np.array(chosen)
 
     def _plan(self, goal_m: np.ndarray) -> None:
         is_same = self._goal_m is not None and math.dist(goal_m, self._goal_m) < 0.5 * CELL_M
         self._steps += 1
-        if is_same and self._steps % _REPLAN_STEPS:
+        if is_same and self._steps % self._replan_steps:
             return
         self._goal_m = goal_m
         self._window = self.grid.window(goal_m)
@@ -70,18 +89,6 @@ class Navigator:
         self.costs = kernels.costs_to(
             prices(self.grid.clearance_m(self._window)), (self.grid.cell(goal_m) - corner)[None]
         )
-
-    def _point_ahead(self, goal_m: np.ndarray) -> np.ndarray:
-        """(2,) of the way to the goal, some way ahead [m]."""
-        corner = np.array(self._window[:2])
-        here = (self.grid.cell(self.grid.pose[:2]) - corner).clip(0, np.array(self.costs.shape) - 1)
-        way = kernels.way_down(self.costs, here, 30)
-        points_m = self.grid.middles_m(way + corner)
-        far_m = np.hypot(*(points_m - self.grid.pose[:2]).T)
-        beyond = np.flatnonzero(far_m >= _AHEAD_M)
-        if beyond.size:
-            return points_m[beyond[0]]
-        return goal_m
 
 
 def prices(clearance_m: np.ndarray) -> np.ndarray:

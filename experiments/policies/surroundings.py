@@ -1,4 +1,4 @@
-"""What a trained policy is told: how far all around it is free, by the grid, and where the goal is."""
+"""What a trained policy is told: how far all around it is free, where the goal is, and the way to it."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.policies.arcs import room_on_arc
 from experiments.policies.driving import OUTLINE_M
-from experiments.policies.local_grid import LocalGrid
+from experiments.policies.goto import Navigator
 from kitasap_sim.env.base import (
     ACCELERATION_MPS2,
     CONTROL_S,
@@ -17,11 +17,15 @@ from kitasap_sim.env.base import (
 from kitasap_sim.laser import LaserSpec
 
 SECTORS, REACH_M = 48, 3.0
-FEATURES = SECTORS + 10
+FEATURES = SECTORS + 14
 """Chosen: sectors of 7.5 degrees; what is farther than 3 m matters later."""
 REPEAT = 4
 """Steps for which an action is held: a policy that decides at 5 Hz learns with a fourth of the work."""
-_SHARES = (1.0, 0.6, 0.3, 0.0)
+_AHEAD_M = (0.35, 0.9)
+"""Chosen: how far ahead the points of the way lie that it is told."""
+_REPLAN = 3
+"""Decisions after which the way is planned anew."""
+_SHARES = (1.0, 0.6, 0.3)
 _MARGIN_M, _NEAR_M = 0.06, 1.5
 _BACK_MPS = 0.1
 """Chosen: nobody looks where it backs to."""
@@ -36,12 +40,13 @@ class Surroundings:
     """
 
     def __init__(self, laser: LaserSpec) -> None:
-        self._grid = LocalGrid(laser)
+        self._navigator = Navigator(laser, replan_steps=_REPLAN)
+        self._grid = self._navigator.grid
         self.reset()
 
     def reset(self) -> None:
         """Forgets the last episode."""
-        self._grid.reset()
+        self._navigator.reset()
         self._goal_m: np.ndarray | None = None
 
     def see(self, observation: dict[str, np.ndarray]) -> None:
@@ -57,9 +62,9 @@ class Surroundings:
     def features(self) -> np.ndarray:
         """(FEATURES,) float32 of about 1 each.
 
-        Free reach of each sector, from straight behind counter-clockwise, in units of REACH_M; of the
-        goal: nearness twice, cosine and sine of its bearing and of its heading; speed, turn rate, and
-        the last action.
+        Free reach of each sector, from straight behind counter-clockwise, in units of REACH_M; two points
+        of the way over the grid, in units of how far ahead they are; of the goal: nearness twice,
+        cosine and sine of its bearing and of its heading; speed, turn rate, and the last action.
         """
         assert self._goal_m is not None
         points_m = self._grid.obstacles_near(REACH_M)
@@ -72,8 +77,9 @@ class Surroundings:
         distance_m = math.hypot(x, y)
         bearing = (x / distance_m, y / distance_m) if distance_m > 1e-6 else (1.0, 0.0)
         turn_rad = self._heading - float(self._grid.pose[2])
+        ahead = self._navigator.points_ahead(self._goal_m, _AHEAD_M) / np.array([_AHEAD_M]).T
         rest = [
-            min(distance_m / REACH_M, 1.0), math.exp(-2.0 * distance_m), *bearing,
+            *ahead.ravel().clip(-2.0, 2.0), min(distance_m / REACH_M, 1.0), math.exp(-2.0 * distance_m), *bearing,
             math.cos(turn_rad), math.sin(turn_rad),
             self._velocity[0] / MAX_SPEED_MPS, self._velocity[1] / MAX_TURN_RATE_RADPS, *self._last,
         ]  # fmt: skip
@@ -85,9 +91,10 @@ class Surroundings:
         v = forward * (MAX_SPEED_MPS if forward > 0.0 else _BACK_MPS)
         w = turn * MAX_TURN_RATE_RADPS
         near_m = self._grid.obstacles_near(_NEAR_M)
-        now = (float(self._velocity[0]), float(self._velocity[1]))
+        # what was commanded last may still be to come
+        now = (max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1])
         accelerations = (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2)
-        wanted = [(share * v, share * w) for share in _SHARES[:-1]] + [(0.0, w), (0.0, 0.3 * w)]
+        wanted = [(share * v, share * w) for share in _SHARES] + [(0.0, w), (0.0, 0.3 * w)]
         for command in wanted:
             room_m, now_m = room_on_arc(near_m, OUTLINE_M, now, command, accelerations, _TIMES_S)
             # what leads away from something that is too near already is let through

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from kitasap_sim.rendering import Mark, Renderer
+from kitasap_sim.rendering import Mark, Renderer, decorate
 from kitasap_sim.simulation import Simulation
 
 SIZE_PX = (640, 480)
@@ -35,6 +35,10 @@ class Picture:
         if self._renderer is not None:
             return self._renderer.drawn(beams_m, marks)
         if self._viewer is not None:
+            scene = self._viewer.user_scn
+            with self._viewer.lock():
+                scene.ngeom = 0
+                decorate(scene, self._simulation, self._simulation.data, beams_m, marks, 1)
             self._viewer.sync()
         return None
 

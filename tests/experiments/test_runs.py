@@ -303,6 +303,7 @@ def test_killed_run_is_finished_by_the_same_command(tmp_path, kidnap_arguments, 
     assert results(tmp_path / "kidnap") == whole_run
 
 
+@pytest.mark.slow
 @needs_proc
 def test_interrupted_run_loses_nothing_that_was_finished(tmp_path, kidnap_arguments, whole_run):
     log = tmp_path / "kidnap/trials.jsonl"
@@ -321,6 +322,7 @@ def test_interrupted_run_loses_nothing_that_was_finished(tmp_path, kidnap_argume
     assert results(tmp_path / "kidnap") == whole_run
 
 
+@pytest.mark.slow
 @needs_proc
 def test_interrupt_while_workers_still_start_is_an_interrupt_too(tmp_path, kidnap_arguments):
     # they once died of it in their imports, and the run ended with status 2 and tracebacks

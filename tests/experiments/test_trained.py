@@ -1,5 +1,6 @@
 """The policy that ships for GoTo: its file, and that it drives as it was trained."""
 
+import math
 from pathlib import Path
 
 import gymnasium
@@ -8,6 +9,7 @@ import pytest
 
 import kitasap_sim
 from experiments.policies import policy
+from experiments.policies.surroundings import FEATURES, SECTORS, Surroundings
 from experiments.policies.trained import (
     SHIPPED,
     GoToTrained,
@@ -62,6 +64,45 @@ def test_file_without_a_network_is_refused_by_name(tmp_path, content):
     env = gymnasium.make("Kitasap2/GoTo-v0")
     with pytest.raises(ValueError, match=r"other\.npz"):
         GoToTrained(env.unwrapped.laser, path)
+
+
+@pytest.mark.parametrize("latency_s", [0.0, 0.1])
+@pytest.mark.parametrize("action", [(1.0, 0.0), (1.0, 0.3), (0.6, -0.2), (0.8, 1.0)])
+def test_whatever_the_network_says_the_robot_stops_before_what_it_saw(action, latency_s):
+    env = gymnasium.make("Kitasap2/GoTo-v0", place="symmetric_room", latency_s=latency_s)
+    surroundings = Surroundings(env.unwrapped.laser)
+    observation, _ = env.reset(seed=1, options={"pose": (3.0, 2.0, 0.4), "goal": (2, 2, 0)})
+    surroundings.see(observation)
+    moved_m = 0.0
+    for _ in range(160):
+        action_held = surroundings.held_back(np.array(action, dtype=np.float32))
+        observation, _, _, _, info = env.step(action_held)
+        surroundings.see(observation)
+        moved_m += 0.05 * float(observation["velocity"][0])
+        assert not info["collision"]
+    assert moved_m > 0.3
+    features = surroundings.features()
+    assert features.shape == (FEATURES,)
+    assert np.isfinite(features).all()
+
+
+def test_features_tell_where_it_is_free_and_where_the_goal_is():
+    env = gymnasium.make("Kitasap2/GoTo-v0", place="symmetric_room", laser_noise=0.0)
+    surroundings = Surroundings(env.unwrapped.laser)
+    # a pillar 0.75 m ahead and to the right; the goal straight ahead, facing back
+    observation, _ = env.reset(
+        seed=1, options={"pose": (2.6, 1.5, 0.0), "goal": (4.1, 1.5, math.pi)}
+    )
+    surroundings.see(observation)
+    features = surroundings.features()
+    free_m = 3.0 * features[:SECTORS]
+    true_m = env.unwrapped.simulation.true_ranges_m()
+    assert free_m.min() == pytest.approx(true_m.min() + 0.1, abs=0.15)
+    # straight behind nothing was seen yet
+    assert free_m[0] == 3.0
+    goal = features[SECTORS + 4 : SECTORS + 10]
+    assert goal[0] == pytest.approx(0.5, abs=0.01)
+    assert goal[2:] == pytest.approx([1.0, 0.0, -1.0, 0.0], abs=0.05)
 
 
 def test_training_starts_and_tells_of_itself(tmp_path):

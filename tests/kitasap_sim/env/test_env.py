@@ -1,9 +1,12 @@
 """The driving tasks: Gymnasium's contract, determinism, what actions and options may be."""
 
+import contextlib
 import subprocess
 import sys
+import types
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
@@ -63,9 +66,24 @@ def same(one: list, other: list) -> bool:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("keywords", VARIANTS, ids=lambda keywords: "-".join(keywords) or "plain")
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        pytest.param(keywords, marks=[] if keywords in ({}, VARIED) else pytest.mark.slow)
+        for keywords in VARIANTS
+    ],
+    ids=lambda keywords: "-".join(keywords) or "plain",
+)
 def test_gymnasium_s_checker_finds_nothing(env_id, keywords):
     check_env(task(env_id, **keywords), skip_render_check=True)
+
+
+@pytest.mark.parametrize("env_id", IDS)
+def test_checker_of_stable_baselines_finds_nothing(env_id):
+    checker = pytest.importorskip(
+        "stable_baselines3.common.env_checker", reason="the extra rl is not installed"
+    )
+    checker.check_env(gymnasium.make(env_id, **VARIED), skip_render_check=True)
 
 
 def test_importing_the_package_registers_without_mujoco_or_open3d():
@@ -275,6 +293,62 @@ def test_goal_is_in_the_picture():
     assert ((green > 1.5 * red) & (green > 1.5 * blue)).sum() > 100
     # beams as well
     assert ((red > 1.4 * green) & (red > 1.4 * blue)).sum() > 300
+    env.close()
+
+
+class Window:
+    """What MuJoCo's viewer has of interest here."""
+
+    def __init__(self, model, _data, **_):
+        self.user_scn = mujoco.MjvScene(model, maxgeom=500)
+        self.synced = 0
+
+    def lock(self):
+        return contextlib.nullcontext()
+
+    def sync(self):
+        self.synced += 1
+
+    def close(self):
+        self.user_scn = None
+
+
+def test_window_shows_beams_and_goal_and_is_brought_up_to_date_each_step(monkeypatch):
+    viewer = types.ModuleType("mujoco.viewer")
+    viewer.launch_passive = Window
+    monkeypatch.setitem(sys.modules, "mujoco.viewer", viewer)
+    monkeypatch.setattr(mujoco, "viewer", viewer, raising=False)
+    monkeypatch.setenv("DISPLAY", ":0")
+    env = GoToEnv(render_mode="human", place="symmetric_room")
+    env.reset(seed=0)
+    window = env._renderer._viewer
+    for _ in range(3):
+        env.step(FORWARD)
+    assert window.synced == 4
+    # disc, pole and arrow of the goal, and nearly all 60 beams
+    assert 55 < window.user_scn.ngeom <= 63
+    env.close()
+    assert window.user_scn is None
+
+
+def test_no_display_is_told_and_nothing_is_shown(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "platform", "linux")
+    env = GoToEnv(render_mode="human", place="symmetric_room")
+    with pytest.warns(UserWarning, match="needs a display"):
+        env.reset(seed=0)
+    assert env.render() is None
+
+
+def test_list_of_pictures_is_collected():
+    env = gymnasium.make(IDS[0], render_mode="rgb_array_list", place="symmetric_room")
+    try:
+        env.reset(seed=0)
+    except RenderingError:
+        pytest.skip("no OpenGL here")
+    env.step(FORWARD)
+    assert [picture.shape for picture in env.render()] == [(480, 640, 3)] * 2
     env.close()
 
 
