@@ -49,7 +49,8 @@ def _gif(frames: list[np.ndarray], width_px: int) -> bytes:
     size = width_px, round(width_px * frames[0].shape[0] / frames[0].shape[1])
     images = [Image.fromarray(frame).resize(size) for frame in frames]
     # one palette for all, without dithering: what stands still then costs nothing
-    palette = images[0].quantize(_COLOURS)
+    # by coverage: the goal is a few pixels of a colour that nothing else has
+    palette = images[0].quantize(_COLOURS, Image.Quantize.MAXCOVERAGE)
     few = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     file = BytesIO()
     few[0].save(
