@@ -184,10 +184,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             raise ValueError(
                 f"no option called {', '.join(sorted(unknown))}; there are: {', '.join(self.OPTIONS)}"
             )
-        place = options.get("place")
-        if place is not None and not isinstance(place, Place):
-            place = Place(place)
-        drawn = self.variation.drawn(self.laser, self.np_random, place)
+        drawn = self.variation.drawn(self.laser, self.np_random, options.get("place"))
         self._sim, self._beams = drawn.simulation, drawn.beams
         self._lag_steps, self._noise = drawn.lag_steps, drawn.noise
         self._close_renderer()

@@ -64,8 +64,10 @@ class Variation:
         if not places:
             raise ValueError("place: give a place, or several to draw from, not none")
 
-    def drawn(self, beams: LaserSpec, rng: np.random.Generator, place: Place | None) -> Drawn:
-        """One episode's world; place: that it is to be, else it is drawn too.
+    def drawn(
+        self, beams: LaserSpec, rng: np.random.Generator, wanted: str | Path | Place | None
+    ) -> Drawn:
+        """One episode's world; wanted: its place, else one of those that there are is drawn.
 
         The same numbers are drawn in the same order whatever the spans: episodes stay comparable.
         """
@@ -81,8 +83,8 @@ class Variation:
             )
         )  # fmt: skip
         rooms, world, errors = rng.spawn(3)
-        if place is None:
-            place = _place(self._places()[chosen], difficulty, rooms)
+        name = self._places()[chosen] if wanted is None else wanted
+        place = _place(name, difficulty, rooms)
         preset = odometry_preset(self.odometry)
         preset = replace(
             preset,

@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env
 import kitasap_sim
 from kitasap_sim.env.base import KitasapEnv
 from kitasap_sim.env.goto import GoToEnv
+from kitasap_sim.places import Place
 from kitasap_sim.rendering import RenderingError, render
 from kitasap_sim.simulation import Simulation
 
@@ -404,6 +405,15 @@ def test_options_that_make_no_sense_are_refused(options, named):
 def test_unknown_render_mode_is_refused():
     with pytest.raises(ValueError, match="render_mode"):
         GoToEnv(render_mode="oil")
+
+
+def test_place_of_one_episode_is_an_option():
+    env = task(IDS[0], place="symmetric_room")
+    for name in ("room_fig4", "random", Place("round_room")):
+        env.reset(seed=0, options={"place": name})
+        assert env.place.name == getattr(name, "name", name)
+    env.reset()
+    assert env.place.name == "symmetric_room"
 
 
 def test_step_before_reset_says_so():
