@@ -75,16 +75,16 @@ class Driver:
         turn = turn_rate(bearing_rad)
         bold = [*((share * v, share * v * curvature) for share in (1.0, 0.6, 0.3)), (0.0, turn)]
         crawl = min(v, self.config.crawl_mps)
-        return self._safest(bold, [(crawl, crawl * curvature)], turn, velocity, obstacles_m)
+        return self.safest(bold, [(crawl, crawl * curvature)], turn, velocity, obstacles_m)
 
     def turning(
         self, angle_rad: float, velocity: np.ndarray, obstacles_m: np.ndarray
     ) -> np.ndarray:
         """(2,) action that turns on the spot by an angle [rad], the other way round if need be."""
         turn = turn_rate(angle_rad)
-        return self._safest([(0.0, turn)], [], turn, velocity, obstacles_m)
+        return self.safest([(0.0, turn)], [], turn, velocity, obstacles_m)
 
-    def _safest(
+    def safest(
         self,
         bold: list[_Command],
         careful: list[_Command],
@@ -92,7 +92,12 @@ class Driver:
         velocity: np.ndarray,
         obstacles_m: np.ndarray,
     ) -> np.ndarray:
-        """The first command that keeps its margin; else a way out; else what keeps most."""
+        """(2,) action of the first command (forward speed, turn rate) that keeps its margin; else of a
+        careful one, a way out, or what keeps most room.
+
+        bold, careful: tried in their order. turn: rate of the turns on the spot that are tried too.
+        velocity: (2,) as observed. obstacles_m: (K, 2) in the robot's frame.
+        """
         config = self.config
         slow = math.copysign(min(abs(turn), config.slow_turn_radps), turn)
         careful = [*careful, (0.0, slow)]

@@ -4,16 +4,9 @@ import math
 
 import numpy as np
 
-from experiments.policies.arcs import room_on_arc
-from experiments.policies.driving import OUTLINE_M
+from experiments.policies.driving import OBSTACLES_M
 from experiments.policies.goto import Navigator
-from kitasap_sim.env.base import (
-    ACCELERATION_MPS2,
-    CONTROL_S,
-    MAX_SPEED_MPS,
-    MAX_TURN_RATE_RADPS,
-    TURN_ACCELERATION_RADPS2,
-)
+from kitasap_sim.env.base import MAX_SPEED_MPS, MAX_TURN_RATE_RADPS
 from kitasap_sim.laser import LaserSpec
 
 SECTORS, REACH_M = 48, 3.0
@@ -26,17 +19,15 @@ _AHEAD_M = (0.35, 0.9)
 _REPLAN = 3
 """Decisions after which the way is planned anew."""
 _SHARES = (1.0, 0.6, 0.3)
-_MARGIN_M, _NEAR_M = 0.06, 1.5
 _BACK_MPS = 0.1
 """Chosen: nobody looks where it backs to."""
-_TIMES_S = (0.1, CONTROL_S, 0.5 * CONTROL_S)
-"""Chosen: commands may come two steps late; each is kept for a step, then the robot could still stop."""
 
 
 class Surroundings:
     """The grid a robot keeps, as numbers for a network, and what holds its commands back.
 
-    A command that would not let the robot stop before what it remembers is slowed down, or only turns.
+    A command that would not let the robot stop before what it remembers gives way to slower ones, to
+    turns, and at last to the baseline's ways out.
     """
 
     def __init__(self, laser: LaserSpec) -> None:
@@ -86,20 +77,12 @@ class Surroundings:
         return np.concatenate([free, rest]).astype(np.float32)
 
     def held_back(self, action: np.ndarray) -> np.ndarray:
-        """(2,) the action, slower where the robot could not stop any more."""
+        """(2,) the action; where the robot could not stop any more, what the baseline would do then."""
         forward, turn = action.tolist()
         v = forward * (MAX_SPEED_MPS if forward > 0.0 else _BACK_MPS)
         w = turn * MAX_TURN_RATE_RADPS
-        near_m = self._grid.obstacles_near(_NEAR_M)
+        bold = [*((share * v, share * w) for share in _SHARES), (0.0, w)]
         # what was commanded last may still be to come
-        now = (max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1])
-        accelerations = (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2)
-        wanted = [(share * v, share * w) for share in _SHARES] + [(0.0, w), (0.0, 0.3 * w)]
-        for command in wanted:
-            room_m, now_m = room_on_arc(near_m, OUTLINE_M, now, command, accelerations, _TIMES_S)
-            # what leads away from something that is too near already is let through
-            if room_m >= min(_MARGIN_M, now_m):
-                return np.array(
-                    [command[0] / MAX_SPEED_MPS, command[1] / MAX_TURN_RATE_RADPS], dtype=np.float32
-                )
-        return np.zeros(2, dtype=np.float32)
+        now = np.array([max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1]])
+        near_m = self._grid.obstacles_near(OBSTACLES_M)
+        return self._navigator.driver.safest(bold, [], w, now, near_m)
