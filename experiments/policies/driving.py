@@ -75,16 +75,34 @@ class Driver:
         turn = turn_rate(bearing_rad)
         bold = [*((share * v, share * v * curvature) for share in (1.0, 0.6, 0.3)), (0.0, turn)]
         crawl = min(v, self.config.crawl_mps)
-        return self.safest(bold, [(crawl, crawl * curvature)], turn, velocity, obstacles_m)
+        return self._safest(bold, [(crawl, crawl * curvature)], turn, velocity, obstacles_m)
 
     def turning(
         self, angle_rad: float, velocity: np.ndarray, obstacles_m: np.ndarray
     ) -> np.ndarray:
         """(2,) action that turns on the spot by an angle [rad], the other way round if need be."""
         turn = turn_rate(angle_rad)
-        return self.safest([(0.0, turn)], [], turn, velocity, obstacles_m)
+        return self._safest([(0.0, turn)], [], turn, velocity, obstacles_m)
 
-    def safest(
+    def first_kept(
+        self, commands: list[_Command], velocity: np.ndarray, obstacles_m: np.ndarray
+    ) -> np.ndarray | None:
+        """(2,) action of the first command (forward speed, turn rate) that keeps its margin from
+        obstacles (K, 2), robot's frame [m]; None if none does. velocity: (2,) as observed."""
+        for command in commands:
+            if self._room_m(command, velocity, obstacles_m) >= self.config.margin_m:
+                return _action(command)
+        return None
+
+    def _room_m(self, command: _Command, velocity: np.ndarray, obstacles_m: np.ndarray) -> float:
+        """What a command keeps at the least, until the robot stands again [m]."""
+        return room_on_arc(
+            obstacles_m, OUTLINE_M, (float(velocity[0]), float(velocity[1])), command,
+            (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2),
+            (self.config.lag_s, self.config.held_s, 0.5 * CONTROL_S),
+        )[0]  # fmt: skip
+
+    def _safest(
         self,
         bold: list[_Command],
         careful: list[_Command],
@@ -92,31 +110,22 @@ class Driver:
         velocity: np.ndarray,
         obstacles_m: np.ndarray,
     ) -> np.ndarray:
-        """(2,) action of the first command (forward speed, turn rate) that keeps its margin; else of a
-        careful one, a way out, or what keeps most room.
-
-        bold, careful: tried in their order. turn: rate of the turns on the spot that are tried too.
-        velocity: (2,) as observed. obstacles_m: (K, 2) in the robot's frame.
-        """
+        """The first command that keeps its margin; else a way out; else what keeps most."""
         config = self.config
         slow = math.copysign(min(abs(turn), config.slow_turn_radps), turn)
         careful = [*careful, (0.0, slow)]
-        times_s = (config.lag_s, config.held_s, 0.5 * CONTROL_S)
 
         def room_m(command: _Command) -> float:
-            return room_on_arc(
-                obstacles_m, OUTLINE_M, (float(velocity[0]), float(velocity[1])), command,
-                (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2), times_s,
-            )[0]  # fmt: skip
+            return self._room_m(command, velocity, obstacles_m)
 
         if self._escape_left > 0:
             self._escape_left -= 1
             if room_m(self._escape) > config.narrow_m:
                 return _action(self._escape)
         self._escape_left = 0
-        for command in bold:
-            if room_m(command) >= config.margin_m:
-                return _action(command)
+        kept = self.first_kept(bold, velocity, obstacles_m)
+        if kept is not None:
+            return kept
         rooms_m = [room_m(command) for command in careful]
         for command, room in zip(careful, rooms_m, strict=True):
             if room >= config.narrow_m:

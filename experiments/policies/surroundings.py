@@ -26,8 +26,8 @@ _BACK_MPS = 0.1
 class Surroundings:
     """The grid a robot keeps, as numbers for a network, and what holds its commands back.
 
-    A command that would not let the robot stop before what it remembers gives way to slower ones, to
-    turns, and at last to the baseline's ways out.
+    A command that would not let the robot stop before what it remembers gives way to slower ones, and
+    these to what the baseline does then.
     """
 
     def __init__(self, laser: LaserSpec) -> None:
@@ -42,7 +42,7 @@ class Surroundings:
 
     def see(self, observation: dict[str, np.ndarray]) -> None:
         """Takes an observation in; the first of an episode tells where the goal is."""
-        self._grid.update(observation)
+        self._navigator.see(observation)
         if self._goal_m is None:
             x, y, c, s = observation["goal"].tolist()
             self._goal_m = self._grid.from_robot(np.array([x, y]))
@@ -77,12 +77,14 @@ class Surroundings:
         return np.concatenate([free, rest]).astype(np.float32)
 
     def held_back(self, action: np.ndarray) -> np.ndarray:
-        """(2,) the action; where the robot could not stop any more, what the baseline would do then."""
+        """(2,) the action, slower where need be; the baseline's where it leads into something."""
+        assert self._goal_m is not None
         forward, turn = action.tolist()
         v = forward * (MAX_SPEED_MPS if forward > 0.0 else _BACK_MPS)
         w = turn * MAX_TURN_RATE_RADPS
-        bold = [*((share * v, share * w) for share in _SHARES), (0.0, w)]
         # what was commanded last may still be to come
         now = np.array([max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1]])
+        commands = [(share * v, share * w) for share in _SHARES]
         near_m = self._grid.obstacles_near(OBSTACLES_M)
-        return self._navigator.driver.safest(bold, [], w, now, near_m)
+        kept = self._navigator.driver.first_kept(commands, now, near_m)
+        return kept if kept is not None else self._navigator.go_to(self._goal_m, self._heading)
