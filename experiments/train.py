@@ -50,10 +50,10 @@ class Decisions(gymnasium.Wrapper[Any, Any, Any, Any]):
         return self._surroundings.features(), info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """REPEAT steps, each held back where the robot could not stop; their rewards added up."""
+        """REPEAT steps, each held back alone; their rewards added up."""
         total, action = 0.0, np.clip(action, -1.0, 1.0)
         for _ in range(REPEAT):
-            held = self._surroundings.held_back(action)
+            held = self._surroundings.held_back_alone(action)
             observation, reward, is_over, is_late, info = self.env.step(held)
             total += float(reward)
             self._surroundings.see(observation)

@@ -61,7 +61,7 @@ def train(
     task: Annotated[str, typer.Argument(help="GoTo: what there is a network for.")],
     steps: Annotated[
         int, typer.Option(min=1000, help="Decisions to learn from, four steps of 50 ms each.")
-    ] = 400_000,
+    ] = 106_496,
     seed: Seed = 2,
     out: Annotated[Path, typer.Option(help="Folder of network and curve.")] = RESULTS / "train",
 ) -> None:

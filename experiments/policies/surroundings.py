@@ -4,9 +4,16 @@ import math
 
 import numpy as np
 
-from experiments.policies.driving import OBSTACLES_M
+from experiments.policies.arcs import room_on_arc
+from experiments.policies.driving import OBSTACLES_M, OUTLINE_M
 from experiments.policies.goto import Navigator
-from kitasap_sim.env.base import MAX_SPEED_MPS, MAX_TURN_RATE_RADPS
+from kitasap_sim.env.base import (
+    ACCELERATION_MPS2,
+    CONTROL_S,
+    MAX_SPEED_MPS,
+    MAX_TURN_RATE_RADPS,
+    TURN_ACCELERATION_RADPS2,
+)
 from kitasap_sim.laser import LaserSpec
 
 SECTORS, REACH_M = 48, 3.0
@@ -21,6 +28,9 @@ _REPLAN = 3
 _SHARES = (1.0, 0.6, 0.3)
 _BACK_MPS = 0.1
 """Chosen: nobody looks where it backs to."""
+_MARGIN_M, _NEAR_M = 0.06, 1.5
+_TIMES_S = (0.1, CONTROL_S, 0.5 * CONTROL_S)
+"""Chosen: commands may come two steps late; each is kept for a step, then the robot could still stop."""
 
 
 class Surroundings:
@@ -76,15 +86,37 @@ class Surroundings:
         ]  # fmt: skip
         return np.concatenate([free, rest]).astype(np.float32)
 
+    def held_back_alone(self, action: np.ndarray) -> np.ndarray:
+        """(2,) the action, slower, a turn only, or none, where the robot could not stop any more.
+
+        Nobody helps then: so it is in training, where the network is to learn what to keep away from.
+        """
+        v, w, now = self._meant(action)
+        near_m = self._grid.obstacles_near(_NEAR_M)
+        accelerations = (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2)
+        wanted = [(share * v, share * w) for share in _SHARES] + [(0.0, w), (0.0, 0.3 * w)]
+        for command in wanted:
+            room_m, now_m = room_on_arc(near_m, OUTLINE_M, now, command, accelerations, _TIMES_S)
+            # what leads away from something that is too near already is let through
+            if room_m >= min(_MARGIN_M, now_m):
+                return np.array(
+                    [command[0] / MAX_SPEED_MPS, command[1] / MAX_TURN_RATE_RADPS], dtype=np.float32
+                )
+        return np.zeros(2, dtype=np.float32)
+
     def held_back(self, action: np.ndarray) -> np.ndarray:
         """(2,) the action, slower where need be; the baseline's where it leads into something."""
         assert self._goal_m is not None
-        forward, turn = action.tolist()
-        v = forward * (MAX_SPEED_MPS if forward > 0.0 else _BACK_MPS)
-        w = turn * MAX_TURN_RATE_RADPS
-        # what was commanded last may still be to come
-        now = np.array([max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1]])
+        v, w, now = self._meant(action)
         commands = [(share * v, share * w) for share in _SHARES]
         near_m = self._grid.obstacles_near(OBSTACLES_M)
-        kept = self._navigator.driver.first_kept(commands, now, near_m)
+        kept = self._navigator.driver.first_kept(commands, np.array(now), near_m)
         return kept if kept is not None else self._navigator.go_to(self._goal_m, self._heading)
+
+    def _meant(self, action: np.ndarray) -> tuple[float, float, tuple[float, float]]:
+        """Speed and turn rate that an action asks for; and those that the robot may have by then."""
+        forward, turn = action.tolist()
+        v = forward * (MAX_SPEED_MPS if forward > 0.0 else _BACK_MPS)
+        # what was commanded last may still be to come
+        now = (max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1])
+        return v, turn * MAX_TURN_RATE_RADPS, now
