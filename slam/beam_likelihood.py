@@ -41,6 +41,7 @@ _NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
 _POINTS = standard_normal_points(64)
 """Where `_widen` looks."""
+_OPEN_SHARE = 1e-9
 _WIDER = 1.3
 """Chosen: times the variance; less is what so many points cannot tell."""
 
@@ -267,7 +268,7 @@ def _widen(
     say scatter wider about the pose, moments (3, 3), than the Gaussian told (3, 3) of them; never less
     sure than the smooth beams (3, 3)."""
     # in units of its own deviations it is 1 every way
-    if np.sum(told * moments) < 2.0 + _WIDER:
+    if np.sum(told * moments) < 2.0 + _WIDER or not (_is_closed(told) and _is_closed(information)):
         return
     root = np.linalg.cholesky(told)
     values, directions = np.linalg.eigh(root.T @ moments @ root)
@@ -275,23 +276,18 @@ def _widen(
         return
     # of what is left with the offset open, the same shares
     values = np.where(values > _WIDER, values, 1.0)
-    information[:] = _transformed(information, (directions / values) @ directions.T)
-    values, directions = np.linalg.eigh(_whitened(information, smooth))
-    if values[0] < 1.0:
-        values = np.maximum(values, 1.0)
-        information[:] = _transformed(smooth, (directions * values) @ directions.T)
-
-
-def _transformed(information: FloatArray, shares: FloatArray) -> FloatArray:
-    """(3, 3) an information times shares (3, 3) of it, symmetric, in units of its own deviations."""
     root = np.linalg.cholesky(information)
-    return np.asarray(root @ shares @ root.T)
+    information[:] = root @ (directions / values) @ directions.T @ root.T
+    root = np.linalg.cholesky(information)
+    values, directions = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, smooth).T))
+    if values[-1] > 1.0:
+        information[:] = root @ (directions * np.maximum(values, 1.0)) @ directions.T @ root.T
 
 
-def _whitened(information: FloatArray, of: FloatArray) -> FloatArray:
-    """(3, 3) an information in units of the deviations of another."""
-    root = np.linalg.cholesky(of)
-    return np.asarray(np.linalg.solve(root, np.linalg.solve(root, information).T))
+def _is_closed(information: FloatArray) -> bool:
+    """Whether it tells something every way: an open direction is no matter of edges."""
+    values = np.linalg.eigvalsh(information)
+    return bool(values[0] > _OPEN_SHARE * values[-1])
 
 
 def _is_passed(

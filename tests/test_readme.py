@@ -15,7 +15,7 @@ def test_the_snippets_run_and_find_the_robot(capsys, tmp_path, monkeypatch):
     shutil.copy(README.parent / "tests/data/fr101-excerpt.clf.gz", tmp_path / "robot.clf.gz")
     monkeypatch.chdir(tmp_path)
     snippets = re.findall(r"```python\n(.*?)```", README.read_text(), flags=re.DOTALL)
-    assert len(snippets) == 3
+    assert len(snippets) == 4
     names: dict = {}
     for snippet in snippets[:2]:
         exec(compile(snippet, str(README), "exec"), names)
@@ -30,6 +30,10 @@ def test_the_snippets_run_and_find_the_robot(capsys, tmp_path, monkeypatch):
     # both sessions and the localizer went the same way
     there = names["slam_map"].trajectory_of(0).poses[-1]
     assert np.hypot(*(names["estimates"][-1].T_map_base.as_array() - there)[:2]) < 0.05
+    exec(compile(snippets[3], str(README), "exec"), names)
+    assert names["env"].observation_space.contains(names["observation"])
+    assert names["many"].num_envs == 64
+    names["many"].close()
 
 
 def test_the_links_and_pictures_are_there():
