@@ -13,7 +13,8 @@ import numpy as np
 
 from experiments.methods import KnownPlace
 from experiments.sources import DRIVE, ODOMETRY_NOISE
-from kitasap_sim.env.base import CONTROL_S, KitasapEnv, Observation
+from kitasap_sim.env.base import KitasapEnv, Observation
+from kitasap_sim.env.motors import CONTROL_S
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place
 from slam.measurements import LaserScan, Measurement

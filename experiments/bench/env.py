@@ -13,7 +13,8 @@ from rich.table import Table
 import kitasap_sim
 from experiments.tables import wide_console
 from kitasap_sim.env import ENTRY_POINTS
-from kitasap_sim.env.base import CONTROL_S, KitasapEnv
+from kitasap_sim.env.base import KitasapEnv
+from kitasap_sim.env.motors import CONTROL_S
 
 _ROUNDS, _STEPS = 12, 60
 """Chosen: rounds take turns, so that what else the machine does meets both alike."""

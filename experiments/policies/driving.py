@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.policies.arcs import room_on_arc
-from kitasap_sim.env.base import (
+from kitasap_sim.env.motors import (
     ACCELERATION_MPS2,
     CONTROL_S,
     MAX_SPEED_MPS,

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 
-from kitasap_sim.env.base import MAX_SPEED_MPS, MAX_TURN_RATE_RADPS, Observation
+from kitasap_sim.env.base import Observation
+from kitasap_sim.env.motors import MAX_SPEED_MPS, MAX_TURN_RATE_RADPS
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.robot import KITASAP2
 

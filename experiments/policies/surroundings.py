@@ -7,7 +7,7 @@ import numpy as np
 from experiments.policies.arcs import room_on_arc
 from experiments.policies.driving import OBSTACLES_M, OUTLINE_M
 from experiments.policies.goto import Navigator
-from kitasap_sim.env.base import (
+from kitasap_sim.env.motors import (
     ACCELERATION_MPS2,
     CONTROL_S,
     MAX_SPEED_MPS,

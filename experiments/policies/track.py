@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.policies.driving import OBSTACLES_M, Driver
 from experiments.policies.local_grid import LocalGrid, composed
-from kitasap_sim.env.base import MAX_SPEED_MPS
+from kitasap_sim.env.motors import MAX_SPEED_MPS
 from kitasap_sim.laser import LaserSpec
 
 _SIDEWAYS_MPS2 = 0.35

@@ -2,32 +2,23 @@
 
 import math
 from abc import abstractmethod
-from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium
-import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from kitasap_sim import names
 from kitasap_sim.encoders import DeadReckoning
+from kitasap_sim.env.bumper import Bumper
+from kitasap_sim.env.motors import CONTROL_S, CONTROLS, Motors, checked_action
 from kitasap_sim.env.variation import RANDOM, Span, Variation, beams_of
 from kitasap_sim.laser import LaserSpec, measured_ranges
 from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2
 from kitasap_sim.simulation import Simulation
 
-CONTROL_S = 0.05
-"""Of one step: 25 physics steps of 2 ms."""
-MAX_SPEED_MPS, MAX_TURN_RATE_RADPS = 0.5, 1.5
-"""What an action of 1 asks for."""
-ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2 = 1.0, 4.0
-"""How fast the motor controller follows: no tire slips by it."""
-_HALF_TRACK_M = KITASAP2.track_m / 2.0
-MAX_WHEEL_RADPS = (MAX_SPEED_MPS + MAX_TURN_RATE_RADPS * _HALF_TRACK_M) / KITASAP2.wheel_radius_m
 _FASTEST = (1.5, 6.0)
 """Bounds of what encoders may tell of speed and turn rate: tires may slip."""
 _FARTHEST_M = 1000.0
@@ -111,8 +102,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             raise ValueError(
                 f"render_mode: {' or '.join(self.metadata['render_modes'])}, not {render_mode}"
             )
-        if control not in ("twist", "wheels"):
-            raise ValueError(f"control: twist or wheels, not {control}")
+        if control not in CONTROLS:
+            raise ValueError(f"control: {' or '.join(CONTROLS)}, not {control}")
         self.render_mode = render_mode
         self.control = control
         self.variation = Variation(
@@ -186,9 +177,10 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             )
         drawn = self.variation.drawn(self.laser, self.np_random, options.get("place"))
         self._sim, self._beams = drawn.simulation, drawn.beams
-        self._lag_steps, self._noise = drawn.lag_steps, drawn.noise
+        self._noise = drawn.noise
+        self._motors = Motors(self._sim, self.control, drawn.lag_steps)
+        self._bumper = Bumper(self._sim)
         self._close_renderer()
-        self._find_geoms()
         pose = self._begin(options)
         self._sim.reset(pose)
         self._pose = np.array(pose, dtype=float)
@@ -196,9 +188,6 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         self._reckoning = DeadReckoning(self._pose, self._sim.wheel_ticks())
         self._last_odometry = self._pose.copy()
         self._velocity = (0.0, 0.0)
-        self._command = (0.0, 0.0)
-        self._waiting: deque[tuple[int, np.ndarray]] = deque()
-        self._steps = 0
         self._action = np.zeros(2, dtype=np.float32)
         self._ranges_m = self._sim.true_ranges_m()
         self._collided = False
@@ -210,15 +199,15 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One control period. Raises ValueError for an action that is none, and nothing moves."""
         sim = self.simulation
-        self._action = self.check_action(action)
-        self._drive(sim)
+        self._action = checked_action(action)
+        self._motors.drive(self._action)
         self._pose = sim.pose()
         self._ranges_m = sim.fan_ranges_m()
         pose = self._reckoning.update(sim.wheel_ticks())
         turned = float(pose[2] - self._last_odometry[2])
         self._velocity = (self._reckoning.moved_m / CONTROL_S, turned / CONTROL_S)
         self._last_odometry = pose
-        self._collided = self._touches()
+        self._collided = self._bumper.is_touched()
         terms, is_success, is_over = self._rewarded()
         terms["collision"] = -COLLISION_COST if self._collided else 0.0
         is_success = is_success and not self._collided
@@ -253,44 +242,6 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
 
     # how it is done
 
-    def check_action(self, action: Any) -> np.ndarray:
-        """(2,) float32 the action clipped to its bounds. Raises ValueError for what is none."""
-        try:
-            values = np.array(action, dtype=np.float32)
-        except (TypeError, ValueError):
-            values = np.zeros(0, dtype=np.float32)
-        if values.shape != (2,) or not np.isfinite(values).all():
-            raise ValueError(f"an action is two finite numbers from -1 to 1, not {action!r}")
-        return values.clip(-1.0, 1.0)
-
-    def _drive(self, sim: Simulation) -> None:
-        """A control period under the command, which comes late where there is latency."""
-        first, second = self._action.tolist()
-        if self.control == "wheels":
-            left, right = first * MAX_WHEEL_RADPS, second * MAX_WHEEL_RADPS
-            radius_m = KITASAP2.wheel_radius_m
-            v = (left + right) * radius_m / 2.0
-            w = (right - left) * radius_m / KITASAP2.track_m
-        else:
-            v, w = first * MAX_SPEED_MPS, second * MAX_TURN_RATE_RADPS
-        v = _towards(self._command[0], v, ACCELERATION_MPS2 * CONTROL_S)
-        w = _towards(self._command[1], w, TURN_ACCELERATION_RADPS2 * CONTROL_S)
-        self._command = (v, w)
-        count = round(CONTROL_S / sim.timestep_s)
-        if self._lag_steps == 0:
-            sim.drive(v, w)
-            sim.advance(count)
-            self._steps += count
-            return
-        self._waiting.append((self._steps + self._lag_steps, KITASAP2.wheel_speeds_radps(v, w)))
-        end = self._steps + count
-        while self._steps < end:
-            while self._waiting and self._waiting[0][0] <= self._steps:
-                sim.drive_wheels(self._waiting.popleft()[1])
-            until = min(end, self._waiting[0][0]) if self._waiting else end
-            sim.advance(until - self._steps)
-            self._steps = until
-
     def _observation(self) -> Observation:
         ranges_m = measured_ranges(self._beams, self._ranges_m, self._noise).astype(np.float32)
         np.fmin(ranges_m, self._range_m, out=ranges_m)  # of nan and a number, the number
@@ -311,7 +262,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             "pose_true": self._pose.copy(),
             "pose_odometry": _wrapped(self._last_odometry),
             "min_range_m": float(self._ranges_m.min()),
-            "time_s": self._steps * self.simulation.timestep_s,
+            "time_s": self._motors.time_s,
             "reward_terms": terms,
             **self._told(),
         }
@@ -338,21 +289,6 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             )
         return pose
 
-    def _find_geoms(self) -> None:
-        """Which geoms are the robot's, and which it may touch: the floor and its bumps."""
-        model = self.simulation.model
-        base = model.body(names.BASE).id
-        is_robot = model.body_rootid[model.geom_bodyid] == base
-        is_plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        is_unseen = (model.geom_rgba[:, 3] == 0.0) & (model.geom_matid < 0)
-        # so that two of them add up to 1 where the robot touches what it should not
-        self._kinds = np.where(is_robot, 1, np.where(is_plane | is_unseen, 9, 0))
-
-    def _touches(self) -> bool:
-        """Whether the robot touches anything but the floor now."""
-        kinds = self._kinds[self.simulation.data.contact.geom]
-        return bool((kinds[:, 0] + kinds[:, 1] == 1).any())
-
     def _close_renderer(self) -> None:
         if self._renderer is not None:
             self._renderer.close()
@@ -374,7 +310,3 @@ def box(low: Any, high: Any = None) -> spaces.Box:
     """A float32 box from low to high; by default as far to either side of 0."""
     low = np.asarray(low, dtype=np.float32)
     return spaces.Box(low, -low if high is None else np.asarray(high, dtype=np.float32))
-
-
-def _towards(now: float, wanted: float, most: float) -> float:
-    return now + max(-most, min(most, wanted - now))

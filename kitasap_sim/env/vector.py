@@ -15,6 +15,7 @@ from gymnasium.vector.utils import iterate
 from kitasap_sim.env.base import KitasapEnv
 from kitasap_sim.env.explore import ExploreEnv
 from kitasap_sim.env.goto import GoToEnv
+from kitasap_sim.env.motors import checked_action
 from kitasap_sim.env.relocalize import RelocalizeEnv
 from kitasap_sim.env.track import TrackEnv
 
@@ -70,10 +71,9 @@ class KitasapVectorEnv(SyncVectorEnv):
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One step of all. Raises ValueError for actions that are none, and nothing moves."""
         tasks: list[KitasapEnv] = [env.unwrapped for env in self.envs]  # type: ignore[misc]
-        given = [
-            task.check_action(action)
-            for task, action in zip(tasks, iterate(self.action_space, actions), strict=True)
-        ]
+        given = [checked_action(action) for action in iterate(self.action_space, actions)]
+        if len(given) != self.num_envs:
+            raise ValueError(f"actions: one for each of {self.num_envs} episodes, not {len(given)}")
         results: list[_Step] = [None] * self.num_envs  # type: ignore[list-item]
 
         def work(share: range) -> None:

@@ -1,0 +1,88 @@
+"""The motors of the driving tasks: what an action asks for, and how the robot follows it."""
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from kitasap_sim.robot import KITASAP2
+from kitasap_sim.simulation import Simulation
+
+CONTROL_S = 0.05
+"""Of one step: 25 physics steps of 2 ms."""
+CONTROLS = ("twist", "wheels")
+"""What the two numbers of an action mean: speed and turn rate, or the speeds of both wheels."""
+MAX_SPEED_MPS, MAX_TURN_RATE_RADPS = 0.5, 1.5
+"""What an action of 1 asks for."""
+ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2 = 1.0, 4.0
+"""How fast the motor controller follows: no tire slips by it."""
+_HALF_TRACK_M = KITASAP2.track_m / 2.0
+MAX_WHEEL_RADPS = (MAX_SPEED_MPS + MAX_TURN_RATE_RADPS * _HALF_TRACK_M) / KITASAP2.wheel_radius_m
+
+
+class Motors:
+    """Drive the robot of one episode, which is at rest, by one action after the other.
+
+    control: one of CONTROLS. lag_steps: physics steps after which a command reaches the wheels.
+    """
+
+    def __init__(self, simulation: Simulation, control: str, lag_steps: int) -> None:
+        self._simulation, self._control, self._lag_steps = simulation, control, lag_steps
+        self._command = (0.0, 0.0)
+        self._waiting: deque[tuple[int, np.ndarray]] = deque()
+        self._steps = 0
+
+    @property
+    def time_s(self) -> float:
+        """For so long they have driven."""
+        return self._steps * self._simulation.timestep_s
+
+    def drive(self, action: np.ndarray) -> None:
+        """One control period under an action (2,) within its bounds."""
+        sim = self._simulation
+        v, w = self._command = self._followed(*self._asked(action))
+        count = round(CONTROL_S / sim.timestep_s)
+        if self._lag_steps == 0:
+            sim.drive(v, w)
+            sim.advance(count)
+            self._steps += count
+            return
+        self._waiting.append((self._steps + self._lag_steps, KITASAP2.wheel_speeds_radps(v, w)))
+        end = self._steps + count
+        while self._steps < end:
+            while self._waiting and self._waiting[0][0] <= self._steps:
+                sim.drive_wheels(self._waiting.popleft()[1])
+            until = min(end, self._waiting[0][0]) if self._waiting else end
+            sim.advance(until - self._steps)
+            self._steps = until
+
+    def _asked(self, action: np.ndarray) -> tuple[float, float]:
+        """Forward speed [m/s] and turn rate [rad/s] that an action asks for."""
+        first, second = action.tolist()
+        if self._control == "twist":
+            return first * MAX_SPEED_MPS, second * MAX_TURN_RATE_RADPS
+        left, right = first * MAX_WHEEL_RADPS, second * MAX_WHEEL_RADPS
+        radius_m = KITASAP2.wheel_radius_m
+        return (left + right) * radius_m / 2.0, (right - left) * radius_m / KITASAP2.track_m
+
+    def _followed(self, v: float, w: float) -> tuple[float, float]:
+        """The next command on the way to a speed and a turn rate."""
+        return (
+            _towards(self._command[0], v, ACCELERATION_MPS2 * CONTROL_S),
+            _towards(self._command[1], w, TURN_ACCELERATION_RADPS2 * CONTROL_S),
+        )
+
+
+def checked_action(action: Any) -> np.ndarray:
+    """(2,) float32 the action clipped to its bounds. Raises ValueError for what is none."""
+    try:
+        values = np.array(action, dtype=np.float32)
+    except (TypeError, ValueError):
+        values = np.zeros(0, dtype=np.float32)
+    if values.shape != (2,) or not np.isfinite(values).all():
+        raise ValueError(f"an action is two finite numbers from -1 to 1, not {action!r}")
+    return values.clip(-1.0, 1.0)
+
+
+def _towards(now: float, wanted: float, most: float) -> float:
+    return now + max(-most, min(most, wanted - now))
