@@ -13,7 +13,7 @@ import numpy as np
 
 from experiments.methods import KnownPlace
 from experiments.sources import DRIVE, ODOMETRY_NOISE
-from kitasap_sim.env.base import KitasapEnv, Observation
+from kitasap_sim.env.base import KitasapEnv, Observation, scan_range_m
 from kitasap_sim.env.motors import CONTROL_S
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place
@@ -35,7 +35,7 @@ class ObservationSource:
     def __init__(self, env: KitasapEnv) -> None:
         laser, step_s = env.laser, env.simulation.timestep_s
         self._angles_rad = laser.angles_rad
-        self._range_m = float(_box(env, "scan").high.max())
+        self._range_m = np.float32(scan_range_m(laser))  # as a scan has it
         # a beam is fired by the first physics step after it is due; where that is the first one of
         # the next period, the latest range of that beam is of this period's first step
         due_s = np.ceil(laser.delays_s() / step_s - 1e-9) * step_s
@@ -89,14 +89,6 @@ def known_place(task: KitasapEnv) -> KnownPlace:
 @lru_cache(maxsize=_PLACES_KEPT)
 def _known_place(place: Place, laser: LaserSpec) -> KnownPlace:
     return KnownPlace(place, laser, _MAP_SPACING_M)
-
-
-def _box(env: KitasapEnv, key: str) -> gymnasium.spaces.Box:
-    space = env.observation_space
-    assert isinstance(space, gymnasium.spaces.Dict)
-    box = space[key]
-    assert isinstance(box, gymnasium.spaces.Box)
-    return box
 
 
 def _ticks(motion: SE2) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from experiments.policies import kernels
 from experiments.policies.placing import nudged
+from kitasap_sim.env.base import scan_range_m
 from kitasap_sim.laser import LaserSpec
 
 CELL_M = 0.05
@@ -36,7 +37,7 @@ class LocalGrid:
         # a period ends with the observation: so old is each beam then
         self._ages_s = laser.period_s - laser.delays_s()
         self._mount_m = laser.mount_m[:2]
-        self._farthest_m = min(laser.range_max_m, 30.0) - 1e-3
+        self._farthest_m = scan_range_m(laser) - 1e-3
         self._nearest_m = max(laser.range_min_m, 1e-3)
         self.reset()
 

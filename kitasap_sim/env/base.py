@@ -22,6 +22,8 @@ from kitasap_sim.simulation import Simulation
 _FASTEST = (1.5, 6.0)
 """Bounds of what encoders may tell of speed and turn rate: tires may slip."""
 _FARTHEST_M = 1000.0
+SCAN_M = 30.0
+"""A scan tells of nothing beyond it, however far the laser sees. Chosen."""
 
 COLLISION_COST = 5.0
 """Chosen: more than any episode's way is worth."""
@@ -111,12 +113,11 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             wheel_radii, laser_noise, latency_s,
         )  # fmt: skip
         self.laser = beams_of(laser, beams, CONTROL_S)
-        range_m = min(self.laser.range_max_m, 30.0)
-        self._range_m = range_m
+        self._range_m = scan_range_m(self.laser)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: spaces.Space[Any] = spaces.Dict(
             {
-                "scan": box(np.zeros(beams), np.full(beams, range_m)),
+                "scan": box(np.zeros(beams), np.full(beams, self._range_m)),
                 "odometry": box([-_FARTHEST_M, -_FARTHEST_M, -math.pi]),
                 "velocity": box([-_FASTEST[0], -_FASTEST[1]]),
                 "last_action": box([-1.0, -1.0]),
@@ -293,6 +294,11 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
+
+
+def scan_range_m(laser: LaserSpec) -> float:
+    """What `scan` reads for a beam that met nothing [m]."""
+    return min(laser.range_max_m, SCAN_M)
 
 
 def seen_from(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
