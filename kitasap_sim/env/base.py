@@ -27,6 +27,8 @@ SCAN_M = 30.0
 
 COLLISION_COST = 5.0
 """Chosen: more than any episode's way is worth."""
+SUCCESS_REWARD = 5.0
+"""Chosen: a collision undoes it."""
 
 Observation = dict[str, np.ndarray]
 

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from kitasap_sim.env.base import KitasapEnv
+from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv
 
 _CELL_M = 0.1
 """Of what is counted as seen; chosen."""
@@ -13,7 +13,6 @@ _SPOTS_CELLS, _RAYS = 3, 120
 """Chosen: from spots 0.3 m apart, all around by 3 degrees, it is told what can be seen at all."""
 _SEEN_WORTH = 1.0
 STEP_COST = 0.005
-SUCCESS_REWARD = 5.0
 
 
 class ExploreEnv(KitasapEnv):

@@ -6,14 +6,13 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 
-from kitasap_sim.env.base import KitasapEnv, Observation, box, seen_from
+from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv, Observation, box, seen_from
 from kitasap_sim.env.distance import Distance
 
 _LEAST_WAY_M = 1.5
 """From start to goal; chosen."""
 _FARTHEST_M = 100.0
 _TRIES = 200
-SUCCESS_REWARD = 5.0
 STEP_COST = 0.01
 _FACING_M = 0.5
 """Chosen: so near the goal, turning towards its heading begins to count."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 
-from kitasap_sim.env.base import KitasapEnv, Observation, box, seen_from
+from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv, Observation, box, seen_from
 from kitasap_sim.env.path import Path
 from kitasap_sim.places import Place
 
@@ -17,7 +17,6 @@ _LEGS, _LEAST_LEG_M, _TRIES = 3, 1.5, 200
 """Of a path that is drawn: free spots so far apart, joined by ways that can be driven."""
 _ASIDE_COST = 0.5
 STEP_COST = 0.005
-SUCCESS_REWARD = 5.0
 
 
 class TrackEnv(KitasapEnv):
