@@ -251,7 +251,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         np.maximum(ranges_m, 0.0, out=ranges_m)
         return {
             "scan": ranges_m,
-            "odometry": self._in_start(self._last_odometry).astype(np.float32),
+            "odometry": seen_from(self._start, self._last_odometry).astype(np.float32),
             "velocity": np.array(self._velocity, dtype=np.float32),
             "last_action": self._action.copy(),
             **self._observed(),
@@ -269,14 +269,6 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             "reward_terms": terms,
             **self._told(),
         }
-
-    def _in_start(self, pose: np.ndarray) -> np.ndarray:
-        """(3,) a pose of the world as seen from where the episode began."""
-        return seen_from(self._start, pose)
-
-    def _by_odometry(self, pose: np.ndarray) -> np.ndarray:
-        """(3,) a pose of the world as the robot believes to see it, by its encoders."""
-        return seen_from(self._last_odometry, pose)
 
     def _checked_pose(self, options: dict[str, Any], name: str) -> np.ndarray | None:
         """(3,) a pose given as an option, None where none is. Raises ValueError unless it is free."""

@@ -117,7 +117,7 @@ class GoToEnv(KitasapEnv):
         return self._way_m - _FACING_WORTH * nearness * (math.pi - abs(off[2]))
 
     def _observed(self) -> Observation:
-        x, y, theta = self._by_odometry(self._goal).tolist()
+        x, y, theta = seen_from(self._last_odometry, self._goal).tolist()
         x, y = (max(-_FARTHEST_M, min(_FARTHEST_M, value)) for value in (x, y))
         return {"goal": np.array([x, y, math.cos(theta), math.sin(theta)], dtype=np.float32)}
 
