@@ -99,8 +99,7 @@ class GoToEnv(KitasapEnv):
     def _rewarded(self) -> tuple[dict[str, float], bool, bool]:
         left = self._to_go()
         progress, self._left = self._left - left, left
-        off = seen_from(self._goal, self._pose).tolist()
-        is_there = math.hypot(off[0], off[1]) <= self._within_m and abs(off[2]) <= self._within_rad
+        is_there = self._straight_m <= self._within_m and self._off_rad <= self._within_rad
         terms = {
             "progress": progress,
             "time": -STEP_COST,
@@ -111,10 +110,10 @@ class GoToEnv(KitasapEnv):
     def _to_go(self) -> float:
         """What is left to do: metres, and near the goal radians."""
         self._way_m = self._distance.at(self._pose[0], self._pose[1])
-        off = seen_from(self._goal, self._pose).tolist()
-        self._straight_m = math.hypot(off[0], off[1])
+        x, y, turn_rad = seen_from(self._goal, self._pose).tolist()
+        self._straight_m, self._off_rad = math.hypot(x, y), abs(turn_rad)
         nearness = max(0.0, 1.0 - self._straight_m / _FACING_M)
-        return self._way_m - _FACING_WORTH * nearness * (math.pi - abs(off[2]))
+        return self._way_m - _FACING_WORTH * nearness * (math.pi - self._off_rad)
 
     def _observed(self) -> Observation:
         x, y, theta = seen_from(self._last_odometry, self._goal).tolist()
