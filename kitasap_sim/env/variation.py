@@ -1,8 +1,9 @@
 """What is drawn anew for each episode: the place, and how the robot differs from what is believed."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -143,8 +144,8 @@ def beams_of(name: str | LaserSpec, count: int, period_s: float) -> LaserSpec:
 
 
 def _checked(name: str, span: Span, least: float, most: float) -> None:
-    values = [span] if isinstance(span, int | float) else list(span)
-    is_number = all(isinstance(value, int | float) and math.isfinite(value) for value in values)
+    values = _bounds(span)
+    is_number = all(isinstance(value, Real) and math.isfinite(value) for value in values)
     if not is_number or len(values) not in (1, 2) or values != sorted(values):
         raise ValueError(f"{name}: a number, or two of which the first is the lower, not {span}")
     if not (least <= values[0] and values[-1] <= most):
@@ -152,11 +153,17 @@ def _checked(name: str, span: Span, least: float, most: float) -> None:
 
 
 def _value(span: Span, share: float) -> float:
-    if isinstance(span, int | float):
-        return float(span)
-    return float(span[0]) + share * (float(span[-1]) - float(span[0]))
+    bounds = _bounds(span)
+    low, high = float(bounds[0]), float(bounds[-1])
+    return low + share * (high - low)
 
 
 def _up_to_whole(span: Span) -> Span:
     """So that whole numbers from the lower to the upper are drawn alike, rounded down."""
-    return span if isinstance(span, int | float) else (span[0], span[-1] + 1.0 - 1e-9)
+    low, *higher = _bounds(span)
+    return (low, higher[0] + 1.0 - 1e-9) if higher else low
+
+
+def _bounds(span: Span) -> list[float]:
+    """The one value, or the lower and the upper."""
+    return list(span) if isinstance(span, Iterable) else [span]

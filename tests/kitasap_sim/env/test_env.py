@@ -388,6 +388,14 @@ def test_keywords_that_make_no_sense_are_refused_by_name(keywords, named):
         task(IDS[0], **keywords).reset(seed=0)
 
 
+@pytest.mark.parametrize("scalar", [np.float32, np.float64, np.int64])
+def test_numbers_of_numpy_are_numbers(scalar):
+    keywords = {"difficulty": 1, "laser_noise": (0, 1)}
+    of_numpy = {"difficulty": scalar(1), "laser_noise": np.array([0, 1], dtype=scalar)}
+    steps = [rollout(task(IDS[0], **given), 2) for given in (keywords, of_numpy)]
+    assert same(*steps)
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [
