@@ -4,7 +4,6 @@ Of the task itself only what a robot knows is asked: its laser, its control peri
 """
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -82,8 +81,7 @@ def known_place(task: KitasapEnv) -> KnownPlace:
 
     Raises ValueError for a laser of which nothing is assumed.
     """
-    # the task's laser is a preset with other beams, "urg_04lx, 60 beams": known by its first name
-    return _known_place(task.place, replace(task.laser, name=task.laser.name.split(",")[0]))
+    return _known_place(task.place, task.sold_laser)
 
 
 @lru_cache(maxsize=_PLACES_KEPT)

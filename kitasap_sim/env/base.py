@@ -15,6 +15,7 @@ from kitasap_sim.env.bumper import Bumper
 from kitasap_sim.env.motors import CONTROL_S, CONTROLS, Motors, checked_action
 from kitasap_sim.env.variation import RANDOM, Span, Variation, beams_of
 from kitasap_sim.laser import LaserSpec, measured_ranges
+from kitasap_sim.laser import laser as laser_preset
 from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2
 from kitasap_sim.simulation import Simulation
@@ -114,7 +115,9 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             self.DEFAULT_PLACE if place is None else place, difficulty, people, odometry, friction,
             wheel_radii, laser_noise, latency_s,
         )  # fmt: skip
-        self.laser = beams_of(laser, beams, CONTROL_S)
+        # as it is sold, by which it is known; and as it is here, with beams of its own
+        self.sold_laser = laser_preset(laser) if isinstance(laser, str) else laser
+        self.laser = beams_of(self.sold_laser, beams, CONTROL_S)
         self._range_m = scan_range_m(self.laser)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.observation_space: spaces.Space[Any] = spaces.Dict(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from kitasap_sim import names
-from kitasap_sim.laser import LaserSpec, laser
+from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place
 from kitasap_sim.random_rooms import random_room
 from kitasap_sim.robot import odometry_preset
@@ -118,12 +118,11 @@ def _place(name: str | Path | Place, difficulty: float, rng: np.random.Generator
     return _KNOWN[str(name)]
 
 
-def beams_of(name: str | LaserSpec, count: int, period_s: float) -> LaserSpec:
+def beams_of(spec: LaserSpec, count: int, period_s: float) -> LaserSpec:
     """A laser's view, limits and noise with so many beams, all fired once in each control period.
 
-    Raises ValueError for an unknown laser, or no beams.
+    Raises ValueError for no beams.
     """
-    spec = laser(name) if isinstance(name, str) else name
     if count < 1:
         raise ValueError(f"beams: at least 1, not {count}")
     view_rad = (spec.beam_count - 1) * spec.step_rad
