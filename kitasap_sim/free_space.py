@@ -1,6 +1,6 @@
 """Which parts of a plane can be reached without crossing a wall: grids, flood filling, outlines."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ _ASIDE_M = 1e-5
 
 @dataclass(frozen=True)
 class Grid:
-    """Square cells over a rectangle: cell (i, j) spans origin + cell_m * [i, i + 1] x [j, j + 1]."""
+    """Square cells over a rectangle: (i, j) spans origin + cell_m * [i, i + 1] x [j, j + 1]."""
 
     origin_m: np.ndarray
     cell_m: float
@@ -97,6 +97,19 @@ def way_down(steps: np.ndarray, cell: np.ndarray) -> np.ndarray:
         around = way[-1] + neighbours
         way.append(around[padded[tuple((around + 1).T)] == left - 1][0])
     return np.array(way)
+
+
+def pulled_straight(
+    points_m: np.ndarray, is_way_free: Callable[[np.ndarray, np.ndarray], bool]
+) -> np.ndarray:
+    """(W, 2) those of a way's points (K, 2) that it turns at, if it goes straight where it can."""
+    corners = [0]
+    while (first := corners[-1]) < len(points_m) - 1:
+        # the farthest point in sight; the next one always is
+        later = range(len(points_m) - 1, first + 1, -1)
+        seen = (i for i in later if is_way_free(points_m[first], points_m[i]))
+        corners.append(next(seen, first + 1))
+    return points_m[corners]
 
 
 def largest_room(is_open: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from kitasap_sim.free_space import (
     bared,
     flooded,
     largest_room,
+    pulled_straight,
     steps_to,
     way_down,
     widened,
@@ -269,17 +270,10 @@ class Place:
         goal, here = self._grid.cells(np.array([end_m, start_m]))
         cells = way_down(steps_to(self._free, goal[None]), here)
         points = np.concatenate([[start_m], self._grid.centres_m(cells[1:-1]), [end_m]])
-        corners = [0]
-        while corners[-1] < len(points) - 1:
-            first = corners[-1]
-            # the farthest point in sight; the next one always is
-            later = range(len(points) - 1, first + 1, -1)
-            seen = (i for i in later if self.is_way_free(points[first], points[i]))
-            corners.append(next(seen, first + 1))
-        return points[corners]
+        return pulled_straight(points, self.is_way_free)
 
     def steps_to(self, spot_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Cells to a free spot (2,) [m] from each cell, to the four sides, -1 where it cannot be driven;
+        """Cells, to the four sides, from each to a free spot (2,) [m], -1 where no way leads there;
         the origin (2,) and the side of the cells [m]. Raises ValueError if the spot is not free."""
         if not self.is_free(spot_m)[0]:
             raise ValueError(f"place {self.name}: ({spot_m[0]:.2f}, {spot_m[1]:.2f}) is not free")
@@ -287,8 +281,8 @@ class Place:
         return steps, self._grid.origin_m, self._grid.cell_m
 
     def open_cells(self, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mask of coarser cells whose middle is open floor connected with the start, wide enough for a
-        robot or not; and the origin (2,) of its grid [m]."""
+        """Mask of coarser cells whose middle is open floor connected with the start, wide enough
+        for a robot or not; and the origin (2,) of its grid [m]."""
         is_open = flooded(~self._blocked, self._grid.cells(self.start[None, :2]))
         coarse = Grid.over(self.bounds_m, cell_m, margin_m=0.0)
         middles_m = coarse.centres_m(np.indices(coarse.shape).reshape(2, -1).T)

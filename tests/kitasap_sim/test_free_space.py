@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kitasap_sim.free_space import steps_to, widened
+from kitasap_sim.free_space import pulled_straight, steps_to, widened
 
 
 def slow_widened(mask, radius_cells):
@@ -49,3 +49,15 @@ def test_steps_are_those_of_a_flood_cell_by_cell():
         seeds = rng.integers(0, mask.shape, (int(rng.integers(0, 6)), 2))
         seeds = np.concatenate([seeds, seeds[:2]])
         assert np.array_equal(steps_to(mask, seeds), slow_steps_to(mask, seeds))
+
+
+def test_way_pulled_straight_turns_at_its_corners_alone():
+    points_m = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0]])
+
+    def is_along_an_axis(start_m, end_m):
+        return bool((start_m == end_m).any())
+
+    corners_m = pulled_straight(points_m, is_along_an_axis)
+    assert corners_m.tolist() == [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]
+    # the next point always is in sight
+    assert np.array_equal(pulled_straight(points_m, lambda start_m, end_m: False), points_m)
