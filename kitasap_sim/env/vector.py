@@ -28,8 +28,8 @@ _Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
 class KitasapVectorEnv(SyncVectorEnv):
     """What `SyncVectorEnv` of the same task gives, to the bit, on all cores of the machine.
 
-    `gymnasium.make_vec("Kitasap2/GoTo-v0", num_envs=64)` makes it. threads: as many as cores by default.
-    An episode that ended begins anew with the next step, as Gymnasium's own do by default.
+    `gymnasium.make_vec("Kitasap2/GoTo-v0", num_envs=64)` makes it. threads: as many as cores by
+    default. An episode that ended begins anew with the next step, as Gymnasium's own do by default.
     """
 
     ENV: ClassVar[type[KitasapEnv]]
@@ -44,9 +44,11 @@ class KitasapVectorEnv(SyncVectorEnv):
         """keywords: of the task. Raises ValueError for values that make no sense."""
         if num_envs < 1 or (threads is not None and threads < 1):
             raise ValueError(f"num_envs, threads: 1 or more, not {num_envs}, {threads}")
+        self._tasks: list[KitasapEnv] = []
 
         def made() -> KitasapEnv:
-            return self.ENV(**keywords)
+            self._tasks.append(self.ENV(**keywords))
+            return self._tasks[-1]
 
         super().__init__([made] * num_envs, autoreset_mode=AutoresetMode.NEXT_STEP)
         self._most = math.inf if max_episode_steps is None else max_episode_steps
@@ -70,20 +72,18 @@ class KitasapVectorEnv(SyncVectorEnv):
         self, actions: Any
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One step of all. Raises ValueError for actions that are none, and nothing moves."""
-        tasks: list[KitasapEnv] = [env.unwrapped for env in self.envs]  # type: ignore[misc]
         given = [checked_action(action) for action in iterate(self.action_space, actions)]
         if len(given) != self.num_envs:
             raise ValueError(f"actions: one for each of {self.num_envs} episodes, not {len(given)}")
-        results: list[_Step] = [None] * self.num_envs  # type: ignore[list-item]
 
-        def work(share: range) -> None:
-            for i in share:
-                results[i] = self._stepped(i, tasks[i], given[i])
+        def work(thread: int) -> list[_Step]:
+            share = range(thread, self.num_envs, self._threads)
+            return [self._stepped(i, given[i]) for i in share]
 
-        shares = [range(k, self.num_envs, self._threads) for k in range(self._threads)]
         with _patient():
-            list(self._pool.map(work, shares))
-        observations, rewards, terminations, truncations, infos = zip(*results, strict=True)
+            worked = list(self._pool.map(work, range(self._threads)))
+        steps = [worked[i % self._threads][i // self._threads] for i in range(self.num_envs)]
+        observations, rewards, terminations, truncations, infos = zip(*steps, strict=True)
         self._terminations, self._truncations = np.array(terminations), np.array(truncations)
         self._autoreset_envs = self._terminations | self._truncations
         self._env_obs = list(observations)
@@ -99,7 +99,8 @@ class KitasapVectorEnv(SyncVectorEnv):
         self._pool.shutdown()
         super().close_extras(**keywords)
 
-    def _stepped(self, i: int, task: KitasapEnv, action: np.ndarray) -> _Step:
+    def _stepped(self, i: int, action: np.ndarray) -> _Step:
+        task = self._tasks[i]
         if self._autoreset_envs[i]:
             self._elapsed[i] = 0
             observation, info = task.reset()
