@@ -55,12 +55,6 @@ def policy(task: str, name: str, env: Any, seed: int = 0) -> Policy:
             f"policy {name} gives speed and turn rate: make the task with control=twist"
         )
     module, kind = _TRAINED if name == "trained" else TASKS[task]
-    try:
-        made: Policy = getattr(import_module(f"experiments.policies.{module}"), kind)(
-            env.unwrapped.laser
-        )
-    except ModuleNotFoundError as error:
-        if error.name != f"experiments.policies.{module}":
-            raise
-        raise ValueError(f"there is no {name} policy for {task} yet") from None
+    made_from = getattr(import_module(f"experiments.policies.{module}"), kind)
+    made: Policy = made_from(env.unwrapped.laser)
     return made
