@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-import kitasap_sim  # noqa: F401  registers the tasks
+from experiments.beliefs import BeliefReward
 from experiments.policies import Policy, checked, policy
 from experiments.statistics import wilson_interval
 
@@ -45,16 +44,11 @@ class DriveConfig:
     def env(self, render_mode: str | None = None) -> gymnasium.Env:
         """The task's environment. Raises ValueError for a place or number that makes no sense."""
         named = {"place": self.place, "difficulty": self.difficulty, "people": self.people}
-        keywords = {name: value for name, value in named.items() if value is not None}
-        env: gymnasium.Env = gymnasium.make(
-            f"Kitasap2/{self.task}-v0",
-            render_mode=render_mode,
-            **keywords,  # type: ignore[arg-type]
-        )
-        if self.task == "Relocalize":
-            # its reward is of what is believed, which the simulator does not know
-            env = import_module("experiments.beliefs").BeliefReward(env)
-        return env
+        keywords: dict[str, Any] = {key: value for key, value in named.items() if value is not None}
+        task_id = f"kitasap_sim:Kitasap2/{self.task}-v0"
+        env: gymnasium.Env = gymnasium.make(task_id, render_mode=render_mode, **keywords)
+        # the reward is of what is believed, which the simulator does not know
+        return BeliefReward(env) if self.task == "Relocalize" else env
 
 
 def run(
@@ -90,7 +84,7 @@ def _episode(
     reward, steps, is_over = 0.0, 0, False
     while not is_over:
         if on_frame is not None and steps % _FRAME_STEPS == 0:
-            on_frame(env.render())  # type: ignore[arg-type]
+            on_frame(np.asarray(env.render()))
         observation, gained, is_ended, is_late, info = env.step(driver(observation))
         reward += float(gained)
         steps += 1
