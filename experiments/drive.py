@@ -16,7 +16,7 @@ from experiments.beliefs import BeliefReward
 from experiments.policies import Policy, checked, policy
 from experiments.statistics import wilson_interval
 
-RESULT_FILES = ("episodes.jsonl", "summary.json")
+_EPISODES_FILE, _SUMMARY_FILE = "episodes.jsonl", "summary.json"
 _FRAME_STEPS = 2
 """Of 50 ms: pictures at 10 per second."""
 
@@ -126,13 +126,23 @@ def summarised(config: DriveConfig, records: list[dict[str, Any]]) -> dict[str, 
     }
 
 
-def write_results(folder: Path, records: list[dict[str, Any]], summary: dict[str, Any]) -> None:
-    """Writes episodes.jsonl, a line for each, and summary.json into a folder, made if need be."""
-    folder.mkdir(parents=True, exist_ok=True)
-    lines = [json.dumps(record) + "\n" for record in records]
-    (folder / RESULT_FILES[0]).write_text("".join(lines), encoding="utf-8")
+def write_episode(folder: Path, record: dict[str, Any]) -> None:
+    """Appends an episode's line to episodes.jsonl in a folder, made if need be.
+
+    The first episode takes away what a drive before it left there.
+    """
+    is_first = record["index"] == 0
+    if is_first:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / _SUMMARY_FILE).unlink(missing_ok=True)
+    with (folder / _EPISODES_FILE).open("w" if is_first else "a", encoding="utf-8") as file:
+        file.write(json.dumps(record) + "\n")
+
+
+def write_summary(folder: Path, summary: dict[str, Any]) -> None:
+    """Writes summary.json beside the episodes."""
     text = json.dumps(summary, indent=2) + "\n"
-    (folder / RESULT_FILES[1]).write_text(text, encoding="utf-8")
+    (folder / _SUMMARY_FILE).write_text(text, encoding="utf-8")
 
 
 def table(summary: dict[str, Any]) -> Table:

@@ -44,12 +44,13 @@ def drive(
 
         def on_episode(done: int, record: dict[str, Any]) -> None:
             nonlocal won
+            driving.write_episode(out, record)
             won += record["success"]
             progress.update(done, f"succeeded: {won}")
 
         records = driving.run(config, on_episode, None if video is None else frames.append)
     summary = driving.summarised(config, records)
-    driving.write_results(out, records, summary)
+    driving.write_summary(out, summary)
     wide_console().print(driving.table(summary))
     if video is not None:
         write_video(video, frames)

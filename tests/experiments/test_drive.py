@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from experiments.cli import main
-from experiments.drive import DriveConfig, summarised
+from experiments.drive import DriveConfig, _episode, summarised
 from experiments.video import write_video
 from tests.experiments.refusals import refusal
 
@@ -34,6 +34,23 @@ def test_drive_writes_a_line_for_each_episode_and_a_summary(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "100.0 %" in printed
     assert printed.splitlines()[-1] == f"results: {tmp_path}"
+
+
+def test_episodes_that_ended_outlast_an_interruption(tmp_path, monkeypatch):
+    assert drive(tmp_path, "--episodes", "1") == 0  # its line and summary are of another drive
+    begun = []
+
+    def second_is_interrupted(*arguments):
+        begun.append(arguments)
+        if len(begun) == 2:
+            raise KeyboardInterrupt
+        return _episode(*arguments)
+
+    monkeypatch.setattr("experiments.drive._episode", second_is_interrupted)
+    assert drive(tmp_path, "--episodes", "3", "--seed", "1") == 130
+    lines = (tmp_path / "episodes.jsonl").read_text().splitlines()
+    assert [json.loads(line)["seed"] for line in lines] == [begun[0][2]]
+    assert not (tmp_path / "summary.json").exists()
 
 
 def test_equal_seeds_give_equal_bytes_and_others_do_not(tmp_path):
