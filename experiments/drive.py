@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -62,14 +63,13 @@ def run(
     """
     state = np.random.SeedSequence(config.seed).generate_state(config.episodes + 1)
     actions_seed, *seeds = state.tolist()
-    env = config.env(None if on_frame is None else "rgb_array")
-    driver = policy(config.task, config.policy, env, actions_seed)
     records = []
-    for index, seed in enumerate(seeds):
-        record = _episode(env, driver, seed, on_frame if index == 0 else None)
-        records.append({"index": index} | record)
-        on_episode(index + 1, records[-1])
-    env.close()
+    with closing(config.env(None if on_frame is None else "rgb_array")) as env:
+        driver = policy(config.task, config.policy, env, actions_seed)
+        for index, seed in enumerate(seeds):
+            record = _episode(env, driver, seed, on_frame if index == 0 else None)
+            records.append({"index": index} | record)
+            on_episode(index + 1, records[-1])
     return records
 
 
