@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-import kitasap_sim
+from experiments.observations import task_of
 from experiments.outputs import checked_folder
 from experiments.policies.surroundings import FEATURES, REPEAT, Surroundings
 from experiments.policies.trained import Layers, save_network
@@ -40,7 +40,7 @@ class Decisions(gymnasium.Wrapper[Any, Any, Any, Any]):
     def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
         super().__init__(env)
         self.observation_space = gymnasium.spaces.Box(-10.0, 10.0, (FEATURES,), np.float32)
-        self._surroundings = Surroundings(env.unwrapped.laser)  # type: ignore[attr-defined]
+        self._surroundings = Surroundings(task_of(env, "Decisions").laser)
 
     def reset(self, **keywords: Any) -> tuple[np.ndarray, dict[str, Any]]:
         """The features of the first observation."""
@@ -90,7 +90,6 @@ def _model(seed: int) -> Any:
             f"training needs {error.name}: install the extra, `pip install -e '.[rl]'`"
         ) from error
     torch.set_num_threads(1)
-    kitasap_sim.register_envs()
     envs = VecMonitor(
         DummyVecEnv([_made(seed, number) for number in range(_ENVS)]),
         info_keywords=("is_success", "collision"),
@@ -106,7 +105,7 @@ def _model(seed: int) -> Any:
 
 def _made(seed: int, number: int) -> Callable[[], Decisions]:
     def made() -> Decisions:
-        env = Decisions(gymnasium.make("Kitasap2/GoTo-v0", **_VARIATION))
+        env = Decisions(gymnasium.make("kitasap_sim:Kitasap2/GoTo-v0", **_VARIATION))
         env.reset(seed=_FIRST_SEED + 1000 * seed + number)
         return env
 

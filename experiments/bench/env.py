@@ -10,11 +10,10 @@ import mujoco
 import numpy as np
 from rich.table import Table
 
-import kitasap_sim
 from experiments.tables import wide_console
 from kitasap_sim.env import ENTRY_POINTS
 from kitasap_sim.env.base import KitasapEnv
-from kitasap_sim.env.motors import CONTROL_S
+from kitasap_sim.env.motors import CONTROL_S, MAX_SPEED_MPS, MAX_TURN_RATE_RADPS
 
 _ROUNDS, _STEPS = 12, 60
 """Chosen: rounds take turns, so that what else the machine does meets both alike."""
@@ -24,7 +23,6 @@ _NATIVE = 64
 
 def print_benchmark(place: str, difficulty: float, seed: int) -> dict[str, Any]:
     """Measures and prints both tables; the figures."""
-    kitasap_sim.register_envs()
     console = wide_console()
     rows = [_cost(env_id, place, difficulty, seed) for env_id in ENTRY_POINTS]
     console.print(_cost_table(rows, f"{place}, seed {seed}"))
@@ -70,7 +68,7 @@ def _bare_us(task: KitasapEnv, pose: np.ndarray) -> float:
     count = round(CONTROL_S / simulation.timestep_s)
     started_s = time.process_time()
     for number in range(_STEPS):
-        v, w = _COMMANDS[number // 30 % 2] * [0.5, 1.5]
+        v, w = _COMMANDS[number // 30 % 2] * [MAX_SPEED_MPS, MAX_TURN_RATE_RADPS]
         simulation.drive(v, w)
         mujoco.mj_step(simulation.model, simulation.data, nstep=count)
     return 1e6 * (time.process_time() - started_s) / _STEPS
