@@ -115,8 +115,7 @@ class Measurement:
     time_s: float
     motion: SE2
     scan: LaserScan
-    # None is what may be given; once created, the array is always there
-    # None is replaced at once: who reads it finds an array
+    # None may be given, and is replaced at once: who reads it finds an array
     motion_covariance: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
