@@ -23,7 +23,10 @@ _ARRIVED_M, _LEFT_M = 0.05, 0.12
 
 
 class Navigator:
-    """Goes to poses in the odometry's frame, over a grid of what it saw."""
+    """Goes to poses in the odometry's frame, over a grid of what it saw.
+
+    obstacles_m: (K, 2) what of it is near the robot, in its frame; there from the first `see` on.
+    """
 
     def __init__(
         self, laser: LaserSpec, driver: Driver | None = None, replan_steps: int = _REPLAN_STEPS
@@ -46,7 +49,16 @@ class Navigator:
         """Remembers what the scan tells."""
         self.grid.update(observation)
         self._velocity = observation["velocity"]
-        self._obstacles_m = self.grid.obstacles_near(OBSTACLES_M)
+        self.obstacles_m = self.grid.obstacles_near(OBSTACLES_M)
+
+    def goal(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, float]:
+        """Point (2,) and heading of the goal that is observed, in the odometry's frame.
+
+        It is asked for once: what is told later drifts with the odometry; the grid does not.
+        """
+        x, y, c, s = observation["goal"].tolist()
+        goal_m = self.grid.from_robot(np.array([x, y]))
+        return goal_m, float(self.grid.pose[2]) + math.atan2(s, c)
 
     def go_to(self, goal_m: np.ndarray, heading_rad: float | None) -> np.ndarray:
         """(2,) action towards a point (2,) of the odometry's frame, and, there, to a heading."""
@@ -57,10 +69,10 @@ class Navigator:
             if heading_rad is None:
                 return np.zeros(2, dtype=np.float32)
             angle_rad = math.remainder(heading_rad - float(grid.pose[2]), math.tau)
-            return self.driver.turning(angle_rad, self._velocity, self._obstacles_m)
+            return self.driver.turning(angle_rad, self._velocity, self.obstacles_m)
         target_m = self.points_ahead(goal_m, (_AHEAD_M,))[0]
         most_mps = math.sqrt(2.0 * 0.5 * off_m)  # stops there with half the deceleration
-        return self.driver.towards(target_m, self._velocity, self._obstacles_m, most_mps)
+        return self.driver.towards(target_m, self._velocity, self.obstacles_m, most_mps)
 
     def points_ahead(self, goal_m: np.ndarray, ahead_m: tuple[float, ...]) -> np.ndarray:
         """(K, 2) points of the way to a goal (2,), so far away each, in the robot's frame [m]."""
@@ -117,8 +129,5 @@ class GoToBaseline:
         """(2,) action."""
         self._navigator.see(observation)
         if self._goal is None:
-            # later ones drift with the odometry; the grid does not
-            x, y, c, s = observation["goal"].astype(float).tolist()
-            goal_m = self._navigator.grid.from_robot(np.array([x, y]))
-            self._goal = goal_m, float(self._navigator.grid.pose[2]) + math.atan2(s, c)
+            self._goal = self._navigator.goal(observation)
         return self._navigator.go_to(*self._goal)

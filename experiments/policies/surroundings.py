@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from experiments.policies.arcs import room_on_arc
-from experiments.policies.driving import OBSTACLES_M, OUTLINE_M
+from experiments.policies.driving import OUTLINE_M
 from experiments.policies.goto import Navigator
 from kitasap_sim.env.motors import (
     ACCELERATION_MPS2,
@@ -48,15 +48,13 @@ class Surroundings:
     def reset(self) -> None:
         """Forgets the last episode."""
         self._navigator.reset()
-        self._goal_m: np.ndarray | None = None
+        self._goal: tuple[np.ndarray, float] | None = None
 
     def see(self, observation: dict[str, np.ndarray]) -> None:
         """Takes an observation in; the first of an episode tells where the goal is."""
         self._navigator.see(observation)
-        if self._goal_m is None:
-            x, y, c, s = observation["goal"].tolist()
-            self._goal_m = self._grid.from_robot(np.array([x, y]))
-            self._heading = float(self._grid.pose[2]) + math.atan2(s, c)
+        if self._goal is None:
+            self._goal = self._navigator.goal(observation)
         self._velocity = observation["velocity"].tolist()
         self._last = observation["last_action"].tolist()
 
@@ -67,18 +65,19 @@ class Surroundings:
         of the way over the grid, in units of how far ahead they are; of the goal: nearness twice,
         cosine and sine of its bearing and of its heading; speed, turn rate, and the last action.
         """
-        assert self._goal_m is not None
+        assert self._goal is not None
+        goal_m, heading_rad = self._goal
         points_m = self._grid.obstacles_near(REACH_M)
         free = np.ones(SECTORS)
         if len(points_m):
             reach = np.hypot(*points_m.T) / REACH_M
             turn = (np.arctan2(points_m[:, 1], points_m[:, 0]) / math.tau + 0.5) * SECTORS
             np.minimum.at(free, turn.astype(int) % SECTORS, reach)
-        x, y = self._grid.in_robot(self._goal_m).tolist()
+        x, y = self._grid.in_robot(goal_m).tolist()
         distance_m = math.hypot(x, y)
         bearing = (x / distance_m, y / distance_m) if distance_m > 1e-6 else (1.0, 0.0)
-        turn_rad = self._heading - float(self._grid.pose[2])
-        ahead = self._navigator.points_ahead(self._goal_m, _AHEAD_M) / np.array([_AHEAD_M]).T
+        turn_rad = heading_rad - float(self._grid.pose[2])
+        ahead = self._navigator.points_ahead(goal_m, _AHEAD_M) / np.array([_AHEAD_M]).T
         rest = [
             *ahead.ravel().clip(-2.0, 2.0), min(distance_m / REACH_M, 1.0), math.exp(-2.0 * distance_m), *bearing,
             math.cos(turn_rad), math.sin(turn_rad),
@@ -106,12 +105,12 @@ class Surroundings:
 
     def held_back(self, action: np.ndarray) -> np.ndarray:
         """(2,) the action, slower where need be; the baseline's where it leads into something."""
-        assert self._goal_m is not None
+        assert self._goal is not None
         v, w, now = self._meant(action)
         commands = [(share * v, share * w) for share in _SHARES]
-        near_m = self._grid.obstacles_near(OBSTACLES_M)
-        kept = self._navigator.driver.first_kept(commands, np.array(now), near_m)
-        return kept if kept is not None else self._navigator.go_to(self._goal_m, self._heading)
+        navigator = self._navigator
+        kept = navigator.driver.first_kept(commands, np.array(now), navigator.obstacles_m)
+        return kept if kept is not None else navigator.go_to(*self._goal)
 
     def _meant(self, action: np.ndarray) -> tuple[float, float, tuple[float, float]]:
         """Speed and turn rate that an action asks for; and those that the robot may have by then."""
