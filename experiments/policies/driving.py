@@ -35,7 +35,9 @@ class DrivingConfig:
     margin_m: kept from obstacles where it can be; narrow_m: at a crawl; least_m: in the
     narrowest spots, where the robot turns with 11 mm to spare. turn_first_rad: a target more
     aside than this is turned to on the spot. lag_s: how late commands may come;
-    held_s: how long an arc is looked at before it brakes. escape_steps: so long it goes on backing out, where it began to.
+    held_s: how long an arc is looked at before it brakes. escape_steps: so long it goes on backing
+    out, where it began to. may_leave: what leads away from something that is nearer than the margin
+    already counts as keeping it.
     """
 
     margin_m: float = 0.05
@@ -47,6 +49,7 @@ class DrivingConfig:
     crawl_mps: float = 0.12
     slow_turn_radps: float = 0.5
     escape_steps: int = 12
+    may_leave: bool = False
 
 
 class Driver:
@@ -90,17 +93,23 @@ class Driver:
         """(2,) action of the first command (forward speed, turn rate) that keeps its margin from
         obstacles (K, 2), robot's frame [m]; None if none does. velocity: (2,) as observed."""
         for command in commands:
-            if self._room_m(command, velocity, obstacles_m) >= self.config.margin_m:
-                return _action(command)
+            least_m, now_m = self._rooms_m(command, velocity, obstacles_m)
+            margin_m = self.config.margin_m
+            if self.config.may_leave:
+                margin_m = min(margin_m, now_m)
+            if least_m >= margin_m:
+                return action_of(command)
         return None
 
-    def _room_m(self, command: _Command, velocity: np.ndarray, obstacles_m: np.ndarray) -> float:
-        """What a command keeps at the least, until the robot stands again [m]."""
+    def _rooms_m(
+        self, command: _Command, velocity: np.ndarray, obstacles_m: np.ndarray
+    ) -> tuple[float, float]:
+        """What a command keeps at the least, until the robot stands again; what is kept now [m]."""
         return room_on_arc(
             obstacles_m, OUTLINE_M, (float(velocity[0]), float(velocity[1])), command,
             (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2),
             (self.config.lag_s, self.config.held_s, 0.5 * CONTROL_S),
-        )[0]  # fmt: skip
+        )  # fmt: skip
 
     def _safest(
         self,
@@ -116,12 +125,12 @@ class Driver:
         careful = [*careful, (0.0, slow)]
 
         def room_m(command: _Command) -> float:
-            return self._room_m(command, velocity, obstacles_m)
+            return self._rooms_m(command, velocity, obstacles_m)[0]
 
         if self._escape_left > 0:
             self._escape_left -= 1
             if room_m(self._escape) > config.narrow_m:
-                return _action(self._escape)
+                return action_of(self._escape)
         self._escape_left = 0
         kept = self.first_kept(bold, velocity, obstacles_m)
         if kept is not None:
@@ -129,7 +138,7 @@ class Driver:
         rooms_m = [room_m(command) for command in careful]
         for command, room in zip(careful, rooms_m, strict=True):
             if room >= config.narrow_m:
-                return _action(command)
+                return action_of(command)
         crawl = config.crawl_mps
         ways_out = [
             (-crawl, 0.0), (-crawl, slow), (-crawl, -slow), (crawl, 0.0), (crawl, slow),
@@ -139,14 +148,15 @@ class Driver:
         best = int(np.argmax(out_m))
         if out_m[best] > max(config.narrow_m, max(rooms_m)):
             self._escape, self._escape_left = ways_out[best], config.escape_steps
-            return _action(ways_out[best])
+            return action_of(ways_out[best])
         best = int(np.argmax(rooms_m))
         if rooms_m[best] > config.least_m:
-            return _action(careful[best])
-        return _action((0.0, 0.0))
+            return action_of(careful[best])
+        return action_of((0.0, 0.0))
 
 
-def _action(command: _Command) -> np.ndarray:
+def action_of(command: tuple[float, float]) -> np.ndarray:
+    """(2,) float32 the action that asks for a forward speed [m/s] and a turn rate [rad/s]."""
     return np.array(
         [command[0] / MAX_SPEED_MPS, command[1] / MAX_TURN_RATE_RADPS], dtype=np.float32
     ).clip(-1.0, 1.0)

@@ -4,16 +4,9 @@ import math
 
 import numpy as np
 
-from experiments.policies.arcs import room_on_arc
-from experiments.policies.driving import OUTLINE_M
+from experiments.policies.driving import Driver, DrivingConfig
 from experiments.policies.goto import Navigator
-from kitasap_sim.env.motors import (
-    ACCELERATION_MPS2,
-    CONTROL_S,
-    MAX_SPEED_MPS,
-    MAX_TURN_RATE_RADPS,
-    TURN_ACCELERATION_RADPS2,
-)
+from kitasap_sim.env.motors import CONTROL_S, MAX_SPEED_MPS, MAX_TURN_RATE_RADPS
 from kitasap_sim.laser import LaserSpec
 
 SECTORS, REACH_M = 48, 3.0
@@ -28,9 +21,8 @@ _REPLAN = 3
 _SHARES = (1.0, 0.6, 0.3)
 _BACK_MPS = 0.1
 """Chosen: nobody looks where it backs to."""
-_MARGIN_M, _NEAR_M = 0.06, 1.5
-_TIMES_S = (0.1, CONTROL_S, 0.5 * CONTROL_S)
-"""Chosen: commands may come two steps late; each is kept for a step, then the robot could still stop."""
+_ALONE = DrivingConfig(margin_m=0.06, lag_s=0.1, held_s=CONTROL_S, may_leave=True)
+"""Chosen: commands may come two steps late; each is kept for a step, then it could still stop."""
 
 
 class Surroundings:
@@ -42,6 +34,7 @@ class Surroundings:
 
     def __init__(self, laser: LaserSpec) -> None:
         self._navigator = Navigator(laser, replan_steps=_REPLAN)
+        self._alone = Driver(_ALONE)
         self._grid = self._navigator.grid
         self.reset()
 
@@ -91,17 +84,9 @@ class Surroundings:
         Nobody helps then: so it is in training, where the network is to learn what to keep away from.
         """
         v, w, now = self._meant(action)
-        near_m = self._grid.obstacles_near(_NEAR_M)
-        accelerations = (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2)
-        wanted = [(share * v, share * w) for share in _SHARES] + [(0.0, w), (0.0, 0.3 * w)]
-        for command in wanted:
-            room_m, now_m = room_on_arc(near_m, OUTLINE_M, now, command, accelerations, _TIMES_S)
-            # what leads away from something that is too near already is let through
-            if room_m >= min(_MARGIN_M, now_m):
-                return np.array(
-                    [command[0] / MAX_SPEED_MPS, command[1] / MAX_TURN_RATE_RADPS], dtype=np.float32
-                )
-        return np.zeros(2, dtype=np.float32)
+        commands = [(share * v, share * w) for share in _SHARES] + [(0.0, w), (0.0, 0.3 * w)]
+        kept = self._alone.first_kept(commands, now, self._navigator.obstacles_m)
+        return kept if kept is not None else np.zeros(2, dtype=np.float32)
 
     def held_back(self, action: np.ndarray) -> np.ndarray:
         """(2,) the action, slower where need be; the baseline's where it leads into something."""
@@ -109,13 +94,13 @@ class Surroundings:
         v, w, now = self._meant(action)
         commands = [(share * v, share * w) for share in _SHARES]
         navigator = self._navigator
-        kept = navigator.driver.first_kept(commands, np.array(now), navigator.obstacles_m)
+        kept = navigator.driver.first_kept(commands, now, navigator.obstacles_m)
         return kept if kept is not None else navigator.go_to(*self._goal)
 
-    def _meant(self, action: np.ndarray) -> tuple[float, float, tuple[float, float]]:
-        """Speed and turn rate that an action asks for; and those that the robot may have by then."""
+    def _meant(self, action: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """Speed and turn rate that an action asks for; and (2,) those it may have by then."""
         forward, turn = action.tolist()
         v = forward * (MAX_SPEED_MPS if forward > 0.0 else _BACK_MPS)
         # what was commanded last may still be to come
-        now = (max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1])
+        now = np.array([max(self._velocity[0], self._last[0] * MAX_SPEED_MPS), self._velocity[1]])
         return v, turn * MAX_TURN_RATE_RADPS, now
