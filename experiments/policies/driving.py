@@ -98,7 +98,7 @@ class Driver:
             if self.config.may_leave:
                 margin_m = min(margin_m, now_m)
             if least_m >= margin_m:
-                return action_of(command)
+                return action_of(*command)
         return None
 
     def _rooms_m(
@@ -130,7 +130,7 @@ class Driver:
         if self._escape_left > 0:
             self._escape_left -= 1
             if room_m(self._escape) > config.narrow_m:
-                return action_of(self._escape)
+                return action_of(*self._escape)
         self._escape_left = 0
         kept = self.first_kept(bold, velocity, obstacles_m)
         if kept is not None:
@@ -138,7 +138,7 @@ class Driver:
         rooms_m = [room_m(command) for command in careful]
         for command, room in zip(careful, rooms_m, strict=True):
             if room >= config.narrow_m:
-                return action_of(command)
+                return action_of(*command)
         crawl = config.crawl_mps
         ways_out = [
             (-crawl, 0.0), (-crawl, slow), (-crawl, -slow), (crawl, 0.0), (crawl, slow),
@@ -148,18 +148,17 @@ class Driver:
         best = int(np.argmax(out_m))
         if out_m[best] > max(config.narrow_m, max(rooms_m)):
             self._escape, self._escape_left = ways_out[best], config.escape_steps
-            return action_of(ways_out[best])
+            return action_of(*ways_out[best])
         best = int(np.argmax(rooms_m))
         if rooms_m[best] > config.least_m:
-            return action_of(careful[best])
-        return action_of((0.0, 0.0))
+            return action_of(*careful[best])
+        return action_of(0.0, 0.0)
 
 
-def action_of(command: tuple[float, float]) -> np.ndarray:
-    """(2,) float32 the action that asks for a forward speed [m/s] and a turn rate [rad/s]."""
-    return np.array(
-        [command[0] / MAX_SPEED_MPS, command[1] / MAX_TURN_RATE_RADPS], dtype=np.float32
-    ).clip(-1.0, 1.0)
+def action_of(speed_mps: float, turn_rate_radps: float) -> np.ndarray:
+    """(2,) float32 the action that asks for both, or for as much of them as there is."""
+    shares = [speed_mps / MAX_SPEED_MPS, turn_rate_radps / MAX_TURN_RATE_RADPS]
+    return np.array(shares, dtype=np.float32).clip(-1.0, 1.0)
 
 
 def turn_rate(angle_rad: float) -> float:

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from experiments.policies.driving import action_of
 from kitasap_sim.env.base import Observation
-from kitasap_sim.env.motors import MAX_SPEED_MPS, MAX_TURN_RATE_RADPS
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.robot import KITASAP2
 
@@ -70,7 +70,7 @@ class TurnToDisambiguate:
         self._last_rad = heading_rad
         if observation["belief"][0] > 0.5:
             self.reset()
-            return _action(0.0, 0.0)
+            return action_of(0.0, 0.0)
         if self._from_m is not None:
             return self._drive(observation, np.array([x, y]), heading_rad)
         self._notice(observation, heading_rad)
@@ -87,7 +87,7 @@ class TurnToDisambiguate:
             self._target_rad, self._side = heading_rad + turn_rad, math.copysign(1.0, turn_rad)
         elif abs(self._off_rad(heading_rad)) < _THERE_RAD:
             self._target_rad = heading_rad + self._side * _TURN_RAD
-        return _action(0.0, _GAIN_PER_S * self._off_rad(heading_rad))
+        return action_of(0.0, _GAIN_PER_S * self._off_rad(heading_rad))
 
     def _drive(
         self, observation: Observation, here_m: np.ndarray, heading_rad: float
@@ -97,14 +97,14 @@ class TurnToDisambiguate:
         off_rad = self._off_rad(heading_rad)
         self._is_facing = self._is_facing or abs(off_rad) < 0.05
         if not self._is_facing:
-            return _action(0.0, _GAIN_PER_S * off_rad)
+            return action_of(0.0, _GAIN_PER_S * off_rad)
         room_m = self._room_m(observation, 0.0)
         left_m = min(_WAY_M - float(np.hypot(*(here_m - self._from_m))), room_m)
         if left_m < 0.02:
             self._from_m, self._target_rad, self._turned_rad = None, None, 0.0
-            return _action(0.0, 0.0)
+            return action_of(0.0, 0.0)
         # braking by 1 m/s2 takes v2 / 2
-        return _action(min(_SPEED_MPS, math.sqrt(left_m)), 0.0)
+        return action_of(min(_SPEED_MPS, math.sqrt(left_m)), 0.0)
 
     def _notice(self, observation: Observation, heading_rad: float) -> None:
         """Remembers the best way seen in this round: how good it is [m], and its heading [rad]."""
@@ -138,8 +138,3 @@ class TurnToDisambiguate:
         """From the heading to the target, the shorter way round."""
         assert self._target_rad is not None
         return math.remainder(self._target_rad - heading_rad, math.tau)
-
-
-def _action(speed_mps: float, turn_rate_radps: float) -> np.ndarray:
-    shares = [speed_mps / MAX_SPEED_MPS, turn_rate_radps / MAX_TURN_RATE_RADPS]
-    return np.array(shares, dtype=np.float32).clip(-1.0, 1.0)
