@@ -104,6 +104,7 @@ def costs_to(
     """
     columns, rows = price.shape
     costs = np.full((columns, rows), np.inf)
+    # heapq on a list of tuples would take 1.3 to 1.5 times as long
     heap_cost = np.empty(8 * columns * rows + len(seeds) + 1)
     heap_cell = np.empty(len(heap_cost), dtype=np.int64)
     size = 0
