@@ -6,7 +6,7 @@ import numpy as np
 
 from experiments.policies import kernels
 from experiments.policies.placing import nudged
-from kitasap_sim.env.base import scan_range_m
+from kitasap_sim.env.base import scan_range_m, seen_from
 from kitasap_sim.laser import LaserSpec
 
 CELL_M = 0.05
@@ -89,7 +89,7 @@ class LocalGrid:
 
     def _placed(self, odometry: np.ndarray, ends_m: np.ndarray) -> np.ndarray:
         """(3,) pose: the odometry's motion since the last one, held to what beams met."""
-        predicted = composed(self.pose, _between(self._odometry, odometry))
+        predicted = composed(self.pose, seen_from(self._odometry, odometry))
         self._odometry = odometry
         near_m = ends_m[np.hypot(*ends_m.T) < _MATCHED_M]
         if len(near_m) < _LEAST_BEAMS:
@@ -149,10 +149,3 @@ def composed(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
     x = frame[0] + c * pose[0] - s * pose[1]
     y = frame[1] + s * pose[0] + c * pose[1]
     return np.array([x, y, math.remainder(frame[2] + pose[2], math.tau)])
-
-
-def _between(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    c, s = math.cos(frame[2]), math.sin(frame[2])
-    dx, dy = (pose - frame)[:2].tolist()
-    turned = math.remainder(float(pose[2] - frame[2]), math.tau)
-    return np.array([c * dx + s * dy, c * dy - s * dx, turned])
