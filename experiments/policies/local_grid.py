@@ -89,7 +89,7 @@ class LocalGrid:
 
     def _placed(self, odometry: np.ndarray, ends_m: np.ndarray) -> np.ndarray:
         """(3,) pose: the odometry's motion since the last one, held to what beams met."""
-        predicted = composed(self.pose, seen_from(self._odometry, odometry))
+        predicted = _composed(self.pose, seen_from(self._odometry, odometry))
         self._odometry = odometry
         near_m = ends_m[np.hypot(*ends_m.T) < _MATCHED_M]
         if len(near_m) < _LEAST_BEAMS:
@@ -143,8 +143,8 @@ class LocalGrid:
         return self.pose[:2] + points_m @ np.array([[c, s], [-s, c]])
 
 
-def composed(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """(3,) a pose (x, y, heading) given in a frame (3,), where that frame is."""
+def _composed(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """(3,) a pose (x, y, heading) given in a frame (3,), where that frame is: undoes `seen_from`."""
     c, s = math.cos(frame[2]), math.sin(frame[2])
     x = frame[0] + c * pose[0] - s * pose[1]
     y = frame[1] + s * pose[0] + c * pose[1]

@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from experiments.policies.driving import OBSTACLES_M, Driver
-from experiments.policies.local_grid import LocalGrid, composed
+from experiments.policies.local_grid import LocalGrid
 from kitasap_sim.env.motors import MAX_SPEED_MPS
 from kitasap_sim.laser import LaserSpec
+from slam.se2 import SE2
 
 _SIDEWAYS_MPS2 = 0.35
 """Chosen: how fast bends are driven."""
@@ -64,9 +65,8 @@ class TrackBaseline:
 
     def _remember(self, observation: dict[str, np.ndarray]) -> None:
         """Adds what came in view of the path; at first all five points, then the last of them."""
-        seen_m = observation["path"].astype(float).reshape(-1, 2)
-        odometry = observation["odometry"].astype(float)
-        seen_m = np.array([composed(odometry, np.array([*point, 0.0]))[:2] for point in seen_m])
+        T_start_believed = SE2.from_array(observation["odometry"].astype(float))
+        seen_m = T_start_believed @ observation["path"].astype(float).reshape(-1, 2)
         # the nearest point jumps where the path returns: then more than the last one is new
         jump_m = math.dist(seen_m[-1], self._corners_m[-1])
         new = len(seen_m) if len(self._at_m) == 1 else 1 + int(jump_m / _SPACING_M)
