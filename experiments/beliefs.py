@@ -1,4 +1,4 @@
-"""What a robot that was carried away believes, as observation and reward of `Kitasap2/Relocalize`."""
+"""What a robot that was carried off believes: observation and reward of `Kitasap2/Relocalize`."""
 
 import math
 from typing import Any
@@ -29,7 +29,7 @@ _MOST_PLACES = HypothesesConfig().max_places
 class BeliefReward(
     gymnasium.Wrapper[Observation, np.ndarray, Observation, np.ndarray], RecordConstructorArgs
 ):
-    """`Kitasap2/Relocalize-v0` with a robot that searches its map, and is paid for becoming certain.
+    """`Kitasap2/Relocalize-v0` with a robot that searches its map, and is paid for being certain.
 
     `slam` is told the place's true map and no pose; it takes each step's `scan` and `odometry`.
 
@@ -47,19 +47,19 @@ class BeliefReward(
     | 1 | 1 while it is lost: no place explains the scans. Where 0 and 1 both are 0 it is unsure |
     | 2 | likelihood of the best place, of all that are carried along; 0 where there is none |
     | 3 | how many those are, in twelfths |
-    | 4 | turn on the spot after which a scan would tell most, counter-clockwise, in pi rad; 0 while tracking |
-    | 5 | standard deviation of the position where it is largest, in 0.1 m; 1: more, or none claimed |
+    | 4 | turn on the spot after which a scan would tell most, counter-clockwise, in pi rad |
+    | 5 | standard deviation of the position where largest, in 0.1 m; 1: more, or none claimed |
     | 6 | standard deviation of the heading, in 0.1 rad; 1: more, or none claimed |
     | 7 | certain scans in a row, of those needed |
 
-    A scan is certain if the robot is tracking and three standard deviations lie within what counts
-    as right: 5 cm and 2 degrees.
+    While tracking, 4 is 0. A scan is certain if the robot is tracking and three standard deviations
+    lie within what counts as right: 5 cm and 2 degrees.
 
     ## Reward: the sum of `reward_terms`: those of the task, and
 
     | term | what |
     |---|---|
-    | `certain` | once, after `scans` certain scans in a row: 5 where the pose is right, -5 where it is wrong |
+    | `certain` | once, after `scans` certain scans in a row: 5 if the pose is right, else -5 |
 
     ## Termination: as the task, and when the robot is certain
 
@@ -67,14 +67,15 @@ class BeliefReward(
 
     ## Info: that of the task, and besides, with every reset and step
 
-    `pose_slam` (3,): the best guess, x, y [m], heading [rad] in the world; `is_certain`: the episode
-    ended so, right or wrong.
+    `pose_slam` (3,): the best guess, x, y [m], heading [rad] in the world; `is_certain`: the
+    episode ended so, right or wrong.
 
     ## Keywords
 
     `method`: out of `experiments.methods.METHODS`, one that finds itself: "limit" by default.
     `scans`: that must be certain in a row, 3 by default (chosen: one may fit by chance).
-    Raises ValueError for values that make no sense, TypeError for an environment that is none of ours.
+    Raises ValueError for values that make no sense, TypeError for an environment that is none of
+    ours.
     """
 
     def __init__(

@@ -36,10 +36,13 @@ class SlamPose(
 
     | key | shape | bounds | what |
     |---|---|---|---|
-    | `pose_slam` | (3,) | +-1000 m, +-pi | x, y [m], heading [rad] in the map's frame, which is the world's |
-    | `pose_sigma` | (3,) | 0 to 10 | standard deviations ahead, aside [m] and of the heading [rad], in the robot's frame; 10 where the method claims nothing |
+    | `pose_slam` | (3,) | +-1000 m, +-pi | x, y [m], heading [rad] in the map's frame |
+    | `pose_sigma` | (3,) | 0 to 10 | standard deviations ahead, aside [m], of the heading [rad] |
     | `goal` | (4,) | as the task's | of `GoTo`: as seen from `pose_slam` |
-    | `path` | (10,) | as the task's | of `Track`: the points ahead of the nearest to `pose_slam`, as seen from it; the robot is told the path at reset |
+    | `path` | (10,) | as the task's | of `Track`: the points ahead of the nearest to `pose_slam` |
+
+    The map's frame is the world's. `pose_sigma` is in the robot's frame; 10 where the method claims
+    nothing. `path` is as seen from `pose_slam`: the robot is told the path at reset.
 
     ## Info: that of the task, and besides, with every reset and step
 
@@ -111,8 +114,8 @@ class SlamPose(
 
 
 def _goal(T_base_believed: SE2, goal: np.ndarray) -> np.ndarray:
-    """(4,) float32 a goal x, y, cosine, sine in the frame where the encoders have the robot, as seen
-    from where it is."""
+    """(4,) float32 a goal x, y, cosine, sine in the frame where the encoders have the robot, as
+    seen from where it is."""
     spot_m, along = goal[:2].astype(float), goal[2:].astype(float)
     turned = SE2(0.0, 0.0, T_base_believed.theta) @ along[None]
     seen = np.concatenate([(T_base_believed @ spot_m[None])[0], turned[0]])

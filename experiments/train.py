@@ -29,7 +29,7 @@ _VARIATION: dict[str, Any] = {
 _ENVS = 8
 _HIDDEN = [128, 128]
 _ROLLOUT, _ROUND = 256, 4
-"""Decisions of each episode that PPO learns from at once; rollouts after which the curve is told."""
+"""Decisions of each episode that PPO learns from at once; rollouts until the curve is told."""
 _FIRST_SEED = 100_000
 """Of the episodes; others are for judging."""
 
@@ -65,8 +65,8 @@ class Decisions(gymnasium.Wrapper[Any, Any, Any, Any]):
 def train(task: str, steps: int, seed: int, out: Path) -> None:
     """Trains a policy; writes goto.npz and curve.csv after each round, curve.png in the end.
 
-    steps: decisions to learn from. Raises ValueError for a task without a network, or where the extra
-    `rl` is missing.
+    steps: decisions to learn from. Raises ValueError for a task without a network, or where the
+    extra `rl` is missing.
     """
     if task != "GoTo":
         raise ValueError(f"nothing is trained for {task}: there is a network for GoTo")
@@ -96,7 +96,8 @@ def _model(seed: int) -> Any:
     )
     return PPO(
         "MlpPolicy", envs, n_steps=_ROLLOUT, batch_size=256, n_epochs=10, gamma=0.98,
-        gae_lambda=0.95, ent_coef=0.002, learning_rate=5e-4, clip_range=0.2, seed=seed, device="cpu",
+        gae_lambda=0.95, ent_coef=0.002, learning_rate=5e-4, clip_range=0.2, seed=seed,
+        device="cpu",
         policy_kwargs={
             "net_arch": _HIDDEN, "activation_fn": torch.nn.Tanh, "log_std_init": -0.5,
         },

@@ -1,4 +1,4 @@
-"""`kitasap bench env`: what the driving tasks cost beside the bare physics, and many of them at once."""
+"""`kitasap bench env`: what the driving tasks cost beside the bare physics, and many at once."""
 
 import os
 import statistics
@@ -32,7 +32,7 @@ def print_benchmark(place: str, difficulty: float, seed: int) -> dict[str, Any]:
 
 
 def _cost(env_id: str, place: str, difficulty: float, seed: int) -> dict[str, Any]:
-    """Processor time of a step, of the bare physics with the same scans, and medians of the ratio."""
+    """Processor time of a step, and of the bare physics with the same scans; medians, and ratio."""
     env = gymnasium.make(env_id, place=place, difficulty=difficulty)
     task = env.unwrapped
     assert isinstance(task, KitasapEnv)

@@ -29,7 +29,8 @@ class LocalGrid:
     """Occupancy about the start of an episode, from the observation alone.
 
     laser: the robot's own, whose directions, mount and limits it knows. pose: (3,) of the robot, by
-    its odometry, the heading held to what the beams met before. Beams that pass through a thing clear it away.
+    its odometry, the heading held to what the beams met before. Beams that pass through a thing
+    clear it away.
     """
 
     def __init__(self, laser: LaserSpec) -> None:
@@ -144,7 +145,7 @@ class LocalGrid:
 
 
 def _composed(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """(3,) a pose (x, y, heading) given in a frame (3,), where that frame is: undoes `seen_from`."""
+    """(3,) where a pose (x, y, heading) given in a frame (3,) is: undoes `seen_from`."""
     c, s = math.cos(frame[2]), math.sin(frame[2])
     x = frame[0] + c * pose[0] - s * pose[1]
     y = frame[1] + s * pose[0] + c * pose[1]

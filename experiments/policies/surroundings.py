@@ -1,4 +1,4 @@
-"""What a trained policy is told: how far all around it is free, where the goal is, and the way to it."""
+"""What a trained policy is told: how far it is free all around, the goal, and the way to it."""
 
 import math
 
@@ -13,7 +13,7 @@ SECTORS, REACH_M = 48, 3.0
 FEATURES = SECTORS + 14
 """Chosen: sectors of 7.5 degrees; what is farther than 3 m matters later."""
 REPEAT = 4
-"""Steps for which an action is held: a policy that decides at 5 Hz learns with a fourth of the work."""
+"""Steps for which an action is held: who decides at 5 Hz learns with a fourth of the work."""
 _AHEAD_M = (0.35, 0.9)
 """Chosen: how far ahead the points of the way lie that it is told."""
 _REPLAN = 3
@@ -28,8 +28,8 @@ _ALONE = DrivingConfig(margin_m=0.06, lag_s=0.1, held_s=CONTROL_S, may_leave=Tru
 class Surroundings:
     """The grid a robot keeps, as numbers for a network, and what holds its commands back.
 
-    A command that would not let the robot stop before what it remembers gives way to slower ones, and
-    these to what the baseline does then.
+    A command that would not let the robot stop before what it remembers gives way to slower ones,
+    and these to what the baseline does then.
     """
 
     def __init__(self, laser: LaserSpec) -> None:
@@ -54,9 +54,10 @@ class Surroundings:
     def features(self) -> np.ndarray:
         """(FEATURES,) float32 of about 1 each.
 
-        Free reach of each sector, from straight behind counter-clockwise, in units of REACH_M; two points
-        of the way over the grid, in units of how far ahead they are; of the goal: nearness twice,
-        cosine and sine of its bearing and of its heading; speed, turn rate, and the last action.
+        Free reach of each sector, from straight behind counter-clockwise, in units of REACH_M; two
+        points of the way over the grid, in units of how far ahead they are; of the goal: nearness
+        twice, cosine and sine of its bearing and of its heading; speed, turn rate, and the last
+        action.
         """
         assert self._goal is not None
         goal_m, heading_rad = self._goal
@@ -72,7 +73,8 @@ class Surroundings:
         turn_rad = heading_rad - float(self._grid.pose[2])
         ahead = self._navigator.points_ahead(goal_m, _AHEAD_M) / np.array([_AHEAD_M]).T
         rest = [
-            *ahead.ravel().clip(-2.0, 2.0), min(distance_m / REACH_M, 1.0), math.exp(-2.0 * distance_m), *bearing,
+            *ahead.ravel().clip(-2.0, 2.0),
+            min(distance_m / REACH_M, 1.0), math.exp(-2.0 * distance_m), *bearing,
             math.cos(turn_rad), math.sin(turn_rad),
             self._velocity[0] / MAX_SPEED_MPS, self._velocity[1] / MAX_TURN_RATE_RADPS, *self._last,
         ]  # fmt: skip
@@ -81,7 +83,7 @@ class Surroundings:
     def held_back_alone(self, action: np.ndarray) -> np.ndarray:
         """(2,) the action, slower, a turn only, or none, where the robot could not stop any more.
 
-        Nobody helps then: so it is in training, where the network is to learn what to keep away from.
+        Nobody helps then: so it is in training, where the network learns what to keep away from.
         """
         v, w, now = self._meant(action)
         commands = [(share * v, share * w) for share in _SHARES] + [(0.0, w), (0.0, 0.3 * w)]

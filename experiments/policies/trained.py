@@ -17,8 +17,8 @@ _ACTIONS = 2
 class GoToTrained:
     """Drives as the network says, five times a second, held back where it could not stop any more.
 
-    path: of another network than that which ships, as `save_network` writes it. Raises ValueError, in
-    one line, for a file that holds none.
+    path: of another network than that which ships, as `save_network` writes it. Raises ValueError,
+    in one line, for a file that holds none.
     """
 
     def __init__(self, laser: LaserSpec, path: str | Path | None = None) -> None:

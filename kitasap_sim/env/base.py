@@ -1,4 +1,4 @@
-"""What all driving tasks share: actions, observations, the episode's world, collisions, pictures."""
+"""What all driving tasks share: observations, the episode's world, what counts, pictures."""
 
 import math
 from abc import abstractmethod
@@ -44,34 +44,36 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     | 0 | forward speed | speed of the left wheel | 0.5 m/s; 10.3 rad/s |
     | 1 | turn rate, counter-clockwise | speed of the right wheel | 1.5 rad/s; 10.3 rad/s |
 
-    The motor controller follows by 1 m/s2 and 4 rad/s2. Values beyond the bounds are clipped to them;
-    nan, inf or another shape raise ValueError and nothing moves.
+    The motor controller follows by 1 m/s2 and 4 rad/s2. Values beyond the bounds are clipped to
+    them; nan, inf or another shape raise ValueError and nothing moves.
 
     ## Observation: Dict of float32 boxes
 
     | key | shape | bounds | what |
     |---|---|---|---|
-    | `scan` | (beams,) | 0 to the laser's range [m] | by increasing angle; no return and lost beams read the range, too near ones 0 |
-    | `odometry` | (3,) | +-1000 m, +-pi | x, y [m], heading [rad] since the start by the encoders alone, in the frame of the start: they drift |
-    | `velocity` | (2,) | +-1.5 m/s, +-6 rad/s | forward speed and turn rate over the last step by the encoders |
+    | `scan` | (beams,) | 0 to the laser's range [m] | by increasing angle |
+    | `odometry` | (3,) | +-1000 m, +-pi | x, y [m], heading [rad] since the start by the encoders |
+    | `velocity` | (2,) | +-1.5 m/s, +-6 rad/s | forward speed, turn rate in the last step by them |
     | `last_action` | (2,) | -1 to 1 | the last action, clipped |
 
-    Tasks add keys of their own. Truth is in `info` alone.
+    No return and lost beams read the range, at most 30 m, too near ones 0. `odometry` is in the
+    frame of the start: it drifts. Tasks add keys of their own. Truth is in `info` alone.
 
     ## Info, the same keys with every reset and step
 
-    `is_success`, `success` (one value under two names), `collision`, `pose_true` (3,), `pose_odometry`
-    (3,) in the world, `min_range_m` of the true beams, `time_s`, `reward_terms` (dict of floats that
-    add up to the reward; zeros with reset).
+    `is_success`, `success` (one value under two names), `collision`, `pose_true` (3,),
+    `pose_odometry` (3,) in the world, `min_range_m` of the true beams, `time_s`, `reward_terms`
+    (dict of floats that add up to the reward; zeros with reset).
 
     ## Keywords
 
-    `place`: a name, the path of an MJCF file, a `Place`, or several to draw from; "random" is a new room
-    in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many of whose view,
-    range and noise, each fired once in a step. `control`. `people`: who walk about.
-    Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii` (share by
-    which each is truly larger, 0), `laser_noise` (times the laser's sigma, 1) and `latency_s` (0) take
-    one value, or (low, high) between which each episode draws its own. `odometry`: a preset.
+    `place`: a name, the path of an MJCF file, a `Place`, or several to draw from; "random" is a new
+    room in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many of whose
+    view, range and noise, each fired once in a step. `control`. `people`: who walk about.
+    Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii`
+    (share by which each is truly larger, 0), `laser_noise` (times the laser's sigma, 1) and
+    `latency_s` (0) take one value, or (low, high) between which each episode draws its own.
+    `odometry`: a preset.
 
     `reset(options={"pose": (x, y, heading), "place": ...})` sets where it starts.
 
@@ -161,7 +163,10 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
 
     @property
     def simulation(self) -> Simulation:
-        """The episode's world, truth and all; not for policies. Raises RuntimeError before a reset."""
+        """The episode's world, truth and all: not for policies.
+
+        Raises RuntimeError before a reset.
+        """
         if self._sim is None:
             raise RuntimeError("call reset() first: there is no episode yet")
         return self._sim
@@ -179,7 +184,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         options = dict(options or {})
         if unknown := set(options) - set(self.OPTIONS):
             raise ValueError(
-                f"no option called {', '.join(sorted(unknown))}; there are: {', '.join(self.OPTIONS)}"
+                f"no option called {', '.join(sorted(unknown))};"
+                f" there are: {', '.join(self.OPTIONS)}"
             )
         drawn = self.variation.drawn(self.laser, self.np_random, options.get("place"))
         self._sim, self._beams = drawn.simulation, drawn.beams
@@ -274,7 +280,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         }
 
     def _checked_pose(self, options: dict[str, Any], name: str) -> np.ndarray | None:
-        """(3,) a pose given as an option, None where none is. Raises ValueError unless it is free."""
+        """(3,) a pose given as an option, None where none is. Raises ValueError if not free."""
         if name not in options:
             return None
         pose = np.asarray(options[name], dtype=float)
@@ -282,8 +288,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             raise ValueError(f"{name}: three finite numbers, x, y and heading, not {options[name]}")
         if not self.place.is_free(pose[:2])[0]:
             raise ValueError(
-                f"{name}: something stands at ({pose[0]:.2f}, {pose[1]:.2f}) of {self.place.name}, or"
-                f" the robot cannot get there; it needs {KITASAP2.radius_m} m of room"
+                f"{name}: something stands at ({pose[0]:.2f}, {pose[1]:.2f}) of {self.place.name},"
+                f" or the robot cannot get there; it needs {KITASAP2.radius_m} m of room"
             )
         return pose
 

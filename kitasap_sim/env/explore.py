@@ -18,8 +18,8 @@ STEP_COST = 0.005
 class ExploreEnv(KitasapEnv):
     """See `share` (0.95 by default) of all that the beams can reach from where the robot can drive.
 
-    The floor is counted in cells of 0.1 m; one is seen when a beam has gone through it. The robot is
-    told nothing of the place: what it has seen it must remember itself.
+    The floor is counted in cells of 0.1 m; one is seen when a beam has gone through it. The robot
+    is told nothing of the place: what it has seen it must remember itself.
 
     ## Action, keywords, observation and info: see `KitasapEnv`
 
@@ -34,8 +34,8 @@ class ExploreEnv(KitasapEnv):
 
     ## Start, termination, truncation
 
-    Start: at rest, anywhere; `reset(options={"pose": ..., "place": ...})` sets it. Terminated: when the
-    share is seen (`is_success`) or at a collision. Truncated: after 2400 steps (2 minutes).
+    Start: at rest, anywhere; `reset(options={"pose": ..., "place": ...})` sets it. Terminated: when
+    the share is seen (`is_success`) or at a collision. Truncated: after 2400 steps (2 minutes).
 
     ## Info: besides that of `KitasapEnv`
 

@@ -20,9 +20,9 @@ _FACING_WORTH = 0.3
 
 
 class GoToEnv(KitasapEnv):
-    """Reach a goal pose: within `tolerance` (0.2 m and 0.35 rad by default) of where and how it lies.
+    """Reach a goal pose: within `tolerance` (0.2 m and 0.35 rad by default) of it.
 
-    Start and goal are drawn in free space, 1.5 m or more apart by the way, which can always be driven.
+    Start and goal are drawn in free space, 1.5 m or more apart; there always is a way between them.
 
     ## Action, keywords, and the rest of observation and info: see `KitasapEnv`
 
@@ -30,29 +30,37 @@ class GoToEnv(KitasapEnv):
 
     | key | shape | bounds | what |
     |---|---|---|---|
-    | `goal` | (4,) | +-100 m, +-1 | x, y [m] of the goal in the robot's frame, cosine and sine of its heading there; by the encoders since the start, which drift |
+    | `goal` | (4,) | +-100 m, +-1 | x, y [m], cosine, sine of its heading, in the robot's frame |
+
+    The goal is where the encoders have it since the start; they drift.
 
     ## Reward: the sum of `reward_terms`
 
     | term | what |
     |---|---|
-    | `progress` | by how much the way to the goal became shorter [m], along the grid's axes (a diagonal counts 1.41 times); within 0.5 m of it also 0.3 per radian less to turn, at half a radian's weight at most |
+    | `progress` | by how much the way to the goal became shorter [m]; near it, the turn as well |
     | `time` | -0.01 |
     | `success` | 5 once, at the goal |
     | `collision` | -5 once |
 
+    The way is counted along the grid's axes: a diagonal counts 1.41 times. Within 0.5 m of the goal
+    a radian less to turn counts as well, from nothing at 0.5 m to 0.3 at the goal.
+
     ## Start, termination, truncation
 
-    Start: at rest, any heading; `reset(options={"pose": ..., "goal": (x, y, heading), "place": ...})`
-    sets it. Terminated: at the goal (`is_success`) or at a collision. Truncated: after 800 steps (40 s).
+    Start: at rest, any heading; `reset(options={"pose": ..., "goal": (x, y, heading),
+    "place": ...})` sets it. Terminated: at the goal (`is_success`) or at a collision. Truncated:
+    after 800 steps (40 s).
 
     ## Info: besides that of `KitasapEnv`
 
-    `goal_true` (3,): the goal in the world; `way_m`: what is left to it, as in `progress`; `straight_m`.
+    `goal_true` (3,): the goal in the world; `way_m`: what is left to it, as in `progress`;
+    `straight_m`.
 
     ## Keywords: besides those of `KitasapEnv`
 
-    `tolerance`: (metres, radians) within which the goal counts as reached; pi leaves the heading open.
+    `tolerance`: (metres, radians) within which the goal counts as reached; pi leaves the heading
+    open.
     """
 
     OPTIONS: ClassVar[tuple[str, ...]] = ("pose", "goal", "place")

@@ -17,8 +17,8 @@ SIZE_PX = (640, 480)
 class Picture:
     """The place with robot, beams and the task's marks, as an array or in a window.
 
-    Where there is no display a window is left out, with a warning. Raises RenderingError where there
-    is no OpenGL for an array.
+    Where there is no display a window is left out, with a warning. Raises RenderingError where
+    there is no OpenGL for an array.
     """
 
     def __init__(self, simulation: Simulation, *, is_shown: bool) -> None:

@@ -1,4 +1,4 @@
-"""`Kitasap2/Relocalize-v0`: carried away in a known place: move so that the pose becomes certain."""
+"""`Kitasap2/Relocalize-v0`: carried off in a known place: move so that the pose becomes certain."""
 
 from typing import Any, ClassVar
 
@@ -13,8 +13,9 @@ class RelocalizeEnv(KitasapEnv):
     """Set down anywhere in a place whose map is known: find out where, by moving.
 
     The simulator does not know what the robot believes: who is to judge it wraps this task.
-    `experiments.beliefs.BeliefReward` localises with `slam` on the place's map, observes its belief,
-    and ends the episode when the pose is certain. Without it an episode lasts until it is truncated.
+    `experiments.beliefs.BeliefReward` localises with `slam` on the place's map, observes its
+    belief, and ends the episode when the pose is certain. Without it an episode lasts until it is
+    truncated.
 
     ## Action, keywords, observation and info: see `KitasapEnv`
 

@@ -30,7 +30,10 @@ class TrackEnv(KitasapEnv):
 
     | key | shape | bounds | what |
     |---|---|---|---|
-    | `path` | (10,) | +-100 m | x, y [m] in the robot's frame of the points of the path 0.2, 0.4, 0.6, 0.8 and 1 m ahead of the nearest (its end, where it ends before); by the encoders since the start, which drift |
+    | `path` | (10,) | +-100 m | x, y [m] in the robot's frame of five points of the path |
+
+    The points lie 0.2, 0.4, 0.6, 0.8 and 1 m ahead of the nearest, or at the path's end, where it
+    ends before; by the encoders since the start, which drift.
 
     ## Reward: the sum of `reward_terms`
 
@@ -44,10 +47,10 @@ class TrackEnv(KitasapEnv):
 
     ## Start, termination, truncation
 
-    Start: at rest on the first point of the path, along it; `reset(options={"path": (K, 2) corners [m],
-    "place": ...})` sets it. Terminated: within 0.15 m of the end with all of the path behind it
-    (`is_success`), farther than `most_aside_m` from the path, or at a collision. Truncated: after 1600
-    steps (80 s).
+    Start: at rest on the first point of the path, along it; `reset(options={"path": (K, 2) corners
+    [m], "place": ...})` sets it. Terminated: within 0.15 m of the end with all of the path behind
+    it (`is_success`), farther than `most_aside_m` from the path, or at a collision. Truncated:
+    after 1600 steps (80 s).
 
     ## Info: besides that of `KitasapEnv`
 

@@ -1,4 +1,4 @@
-"""What is drawn anew for each episode: the place, and how the robot differs from what is believed."""
+"""What is drawn anew for each episode: the place, and how the robot is not what is believed."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -27,8 +27,8 @@ _LAST_BEAM = 0.7
 
 @dataclass(frozen=True)
 class Drawn:
-    """One episode's world. beams: the laser as it is on this robot; noise: what its errors are drawn
-    from. lag_steps: physics steps after which a command reaches the motors."""
+    """One episode's world. beams: the laser as it is on this robot; noise: what its errors are
+    drawn from. lag_steps: physics steps after which a command reaches the motors."""
 
     simulation: Simulation
     beams: LaserSpec
