@@ -18,11 +18,10 @@ def register_envs() -> None:
     """Makes the ids known to `gymnasium.make` and `gymnasium.make_vec`; again changes nothing."""
     for env_id, (entry_point, max_episode_steps) in ENTRY_POINTS.items():
         if env_id not in gymnasium.registry:
+            task = env_id.removeprefix("Kitasap2/").removesuffix("-v0")
             gymnasium.register(
                 env_id,
                 entry_point=entry_point,
-                vector_entry_point="kitasap_sim.env.vector:"
-                + env_id.split("/")[1][:-3]
-                + "VectorEnv",
+                vector_entry_point=f"kitasap_sim.env.vector:{task}VectorEnv",
                 max_episode_steps=max_episode_steps,
             )
