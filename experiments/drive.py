@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -107,13 +107,8 @@ def summarised(config: DriveConfig, records: list[dict[str, Any]]) -> dict[str, 
     times_s = [record["time_s"] for record in records if record["success"]]
     return {
         "experiment": "drive",
-        "task": config.task,
-        "policy": config.policy,
+        **asdict(config),
         "episodes": count,
-        "seed": config.seed,
-        "place": config.place,
-        "difficulty": config.difficulty,
-        "people": config.people,
         "success_rate": successes / count,
         "success_ci95": wilson_interval(successes, count),
         "collision_rate": collisions / count,
