@@ -46,22 +46,12 @@ class TrackBaseline:
         self._grid.update(observation)
         self._remember(observation)
         path_m = self._ahead()
-        legs_m = np.diff(path_m, axis=0)
-        is_leg = np.hypot(*legs_m.T) > 1e-3
-        headings = np.arctan2(legs_m[:, 1], legs_m[:, 0])[is_leg]
-        turns = np.abs((np.diff(headings) + math.pi) % math.tau - math.pi)
+        turns_rad = _turns_rad(path_m)
         # where a corner comes within the nearer points, the near one is pursued: less is cut
-        bends_soon = float(turns[:2].max(initial=0.0))
+        bends_soon = float(turns_rad[:2].max(initial=0.0))
         target_m = path_m[0] if bends_soon > 0.3 else path_m[1]
-        end_m = math.hypot(*path_m[-1].tolist())
-        most_mps = min(MAX_SPEED_MPS, math.sqrt(2.0 * 0.5 * (end_m + 0.05)))
-        for k, turn in enumerate(turns.tolist()):
-            # a corner is a bend over one spacing of the points; before it there is time to brake
-            bend_mps = max(_SLOW_MPS, math.sqrt(_SIDEWAYS_MPS2 * _SPACING_M / max(turn, 1e-3)))
-            most_mps = min(most_mps, math.sqrt(bend_mps**2 + 2.0 * 0.5 * _SPACING_M * k))
-        return self._driver.towards(
-            target_m, observation["velocity"], self._grid.obstacles_near(OBSTACLES_M), most_mps
-        )
+        obstacles_m, velocity = self._grid.obstacles_near(OBSTACLES_M), observation["velocity"]
+        return self._driver.towards(target_m, velocity, obstacles_m, _most_mps(path_m, turns_rad))
 
     def _remember(self, observation: dict[str, np.ndarray]) -> None:
         """Adds what came in view of the path; at first all five points, then the last of them."""
@@ -88,3 +78,22 @@ class TrackBaseline:
     def _points(self, along_m: np.ndarray) -> np.ndarray:
         x, y = (np.interp(along_m, self._at_m, values) for values in self._corners_m.T)
         return np.stack([x, y], axis=1)
+
+
+def _turns_rad(path_m: np.ndarray) -> np.ndarray:
+    """By how much a path (5, 2) turns from leg to leg; legs without length are left out."""
+    legs_m = np.diff(path_m, axis=0)
+    is_leg = np.hypot(*legs_m.T) > 1e-3
+    headings = np.arctan2(legs_m[:, 1], legs_m[:, 0])[is_leg]
+    return np.abs((np.diff(headings) + math.pi) % math.tau - math.pi)
+
+
+def _most_mps(path_m: np.ndarray, turns_rad: np.ndarray) -> float:
+    """So fast the robot may be, to brake in time for the path's bends and for its end."""
+    end_m = math.hypot(*path_m[-1].tolist())
+    most_mps = min(MAX_SPEED_MPS, math.sqrt(2.0 * 0.5 * (end_m + 0.05)))
+    for k, turn_rad in enumerate(turns_rad.tolist()):
+        # a corner is a bend over one spacing of the points; before it there is time to brake
+        bend_mps = max(_SLOW_MPS, math.sqrt(_SIDEWAYS_MPS2 * _SPACING_M / max(turn_rad, 1e-3)))
+        most_mps = min(most_mps, math.sqrt(bend_mps**2 + 2.0 * 0.5 * _SPACING_M * k))
+    return most_mps
