@@ -153,15 +153,22 @@ def measured_ranges(
 def _with_mixed_pixels(
     spec: LaserSpec, ranges_m: np.ndarray, chosen: np.ndarray, share: np.ndarray
 ) -> np.ndarray:
-    """Ranges where a spot that straddles an edge returns something between the two surfaces."""
+    """Ranges where a spot that straddles an edge returns something between the two surfaces.
+
+    The edge may be nearer to the beam before it or to the one behind: were it always the same, every
+    edge would seem to be turned to one side.
+    """
     near_m, far_m = ranges_m[:-1], ranges_m[1:]
     both_hit = np.isfinite(near_m) & np.isfinite(far_m)
-    jump_m = np.abs(np.subtract(far_m, near_m, where=both_hit, out=np.zeros(near_m.size)))
-    edges = np.flatnonzero(
-        (jump_m > spec.mixed_pixel_jump_m) & (chosen[:-1] < spec.mixed_pixel_rate)
-    )
+    step_m = np.subtract(far_m, near_m, where=both_hit, out=np.zeros(near_m.size))
+    rate = spec.mixed_pixel_rate
+    is_edge = np.abs(step_m) > spec.mixed_pixel_jump_m
+    before = np.flatnonzero(is_edge & (chosen[:-1] < rate / 2))
+    behind = np.flatnonzero(is_edge & (chosen[:-1] >= rate / 2) & (chosen[:-1] < rate))
+    between_m = near_m + share[:-1] * step_m
     mixed_m = ranges_m.copy()
-    mixed_m[edges] = near_m[edges] + share[edges] * (far_m[edges] - near_m[edges])
+    mixed_m[before] = between_m[before]
+    mixed_m[behind + 1] = between_m[behind]
     return mixed_m
 
 

@@ -82,7 +82,10 @@ def test_mixed_pixels_lie_between_the_two_surfaces_of_an_edge():
     ranges_m = measured_ranges(replace(spec, beam_count=1080), true_m, np.random.default_rng(0))
     mixed = (ranges_m > 1.0 + 1e-9) & (ranges_m < 3.0 - 1e-9)
     assert mixed.sum() == pytest.approx(0.3 * 107, rel=0.35)
-    assert set(np.flatnonzero(mixed) % 10) == {9}  # only the last beam before an edge
+    # the last beam before an edge or the first behind it, as often: neither side is favoured
+    at = np.flatnonzero(mixed) % 10
+    assert set(at) == {0, 9}
+    assert np.mean(at == 0) == pytest.approx(0.5, abs=0.25)
 
 
 def test_every_imperfection_can_be_switched_off():
