@@ -115,7 +115,7 @@ def surfaces_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> Surfaces:
     ]
     return surfaces_of(
         [(T, keyframe.faced, keyframe.beams) for T, keyframe in posed],
-        [glance.view(T) for T, keyframe in posed for glance in keyframe.glances],
+        [[glance.view(T) for glance in keyframe.glances] for T, keyframe in posed],
     )
 
 

@@ -33,7 +33,8 @@ class SurfacesConfig:
     prior_m, prior_points: how rough a piece is before its points say so, and as many points as that
     counts. most_sigma_m: to which a piece must be known, across itself, by its points' roughness and
     number. least_own: share of its weight that lies in the cell itself.
-    least_looks: share of the scans that looked at a piece, which must have met it; least_returns:
+    least_looks: share of the scans that looked at a piece, which must have met it; most_passed: by so
+    many in a row it was not there then, of the walls of an office one in 150; least_returns:
     counting those that came back from nowhere, which a chair's leg makes one in eight. beside_m,
     beside_share: by which a beam must end elsewhere, and as a share of its length. coarsest_m: beams
     farther apart than this may pass thin things by. min_sigma_m: least standard deviation across a
@@ -47,6 +48,7 @@ class SurfacesConfig:
     most_sigma_m: float = 0.01
     least_own: float = 0.12
     least_looks: float = 0.9
+    most_passed: int = 2
     least_returns: float = 0.8
     beside_m: float = 0.08
     beside_share: float = 0.02

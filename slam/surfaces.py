@@ -6,20 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.beams import Beams
-from slam.kernels.visibility import looks_into
+from slam.kernels.visibility import COUNTS, MET, MOST_PASSED, PASSED, SILENT, looks_into
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surface_cells import SurfaceCells, SurfacesConfig
 from slam.views import View
 
-_SURE = 0.9
-"""Chosen: of the farthest return of all: beyond, a laser hardly tells that nothing is there."""
 _MOST_SILENT = 0.25
 """Chosen: of the surfaces that would go by silence alone. Simulated people make it 0.02 to 0.03, two
 offices 0.02; a laser 44 % of whose beams return, 0.6."""
+_BODY_M = 0.15
+"""Chosen: pieces so near belong to one thing, if it is small."""
 _FEWEST = 4
 """Beams that a view needs."""
 
@@ -71,37 +72,55 @@ class Surfaces:
 
 def surfaces_of(
     scans: Sequence[tuple[SE2, FloatArray, Beams]],
-    glances: Sequence[View] = (),
+    glances: Sequence[Sequence[View]] = (),
     config: SurfacesConfig | None = None,
 ) -> Surfaces:
-    """The surfaces that scans saw: T_map_base, faced points (N, 3) and beams of each.
+    """The surfaces that scans saw: T_map_base, faced points (N, 3) and beams of each, in the order in
+    which they were taken.
 
-    What others looked through, people and doors that stood open later, is left out; glances are
-    asked for that as well. Somebody who stands while the robot drives by is met by each keyframe
-    that looks there, but the scans between two of them saw him come or go.
+    What others looked through, people and doors that stood open later, is left out; glances, for
+    each scan those taken between it and the next, are asked for that as well. Somebody who stands
+    while the robot drives by is met by each keyframe that looks there, but the scans between two of
+    them saw him come or go.
     """
     config = config or SurfacesConfig()
     segments, sigma_m = SurfaceCells.of(scans, config).pieces(config)
-    views = [View.of(T, beams) for T, _, beams in scans]
-    met, passed, silent = _looks(segments, [*views, *glances], config)
+    views: list[View] = []
+    for index, (T, _, beams) in enumerate(scans):
+        views += [View.of(T, beams), *(glances[index] if index < len(glances) else ())]
+    counts = _looks(segments, views, config)
+    met, passed, silent = counts[:, MET], counts[:, PASSED], counts[:, SILENT]
     surfaces = Surfaces(segments, sigma_m, met, passed)
     stays = met >= config.least_looks * (met + passed)
+    stays &= counts[:, MOST_PASSED] < config.most_passed
     is_silent = stays & (met < config.least_returns * (met + passed + silent))
     # a laser that comes back from nowhere everywhere does not tell where nothing is
     if np.count_nonzero(is_silent) <= _MOST_SILENT * np.count_nonzero(stays):
         stays &= ~is_silent
-    return surfaces.taken(stays)
+    return surfaces.taken(stays & ~_is_of_what_went(surfaces, stays))
 
 
-def _looks(
-    segments: FloatArray, views: Sequence[View], config: SurfacesConfig
-) -> tuple[IntArray, IntArray, IntArray]:
-    """(S,) how many views met each of segments (S, 2, 2), how many went through it, and how many
-    came back from nowhere instead."""
+def _is_of_what_went(surfaces: Surfaces, stays: BoolArray) -> BoolArray:
+    """(S,) whether most of the looks that met surfaces around one met such as went: of somebody who
+    stood there all can be seen through once he is gone, but not each piece of his legs is looked at
+    again."""
+    count = len(surfaces)
+    if count == 0:
+        return np.zeros(0, dtype=np.bool_)
+    tree = cKDTree(surfaces.segments.mean(axis=1))
+    pairs = tree.query_pairs(_BODY_M, output_type="ndarray")
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    met, left = surfaces.met, surfaces.met * stays
+    all_met = met + np.bincount(one, met[other], count)
+    return np.asarray(left + np.bincount(one, left[other], count) < 0.5 * all_met)
+
+
+def _looks(segments: FloatArray, views: Sequence[View], config: SurfacesConfig) -> IntArray:
+    """(S, 5) what views, in the order in which they were taken, say of segments (S, 2, 2)."""
     views = [view for view in views if len(view.angles_rad) >= _FEWEST]
-    met, passed, silent = (np.zeros(len(segments), dtype=np.int64) for _ in range(3))
+    counts = np.zeros((len(segments), COUNTS), dtype=np.int64)
     if len(segments) == 0 or not views:
-        return met, passed, silent
+        return counts
     middles = segments.mean(axis=1)
     along = segments[:, 1] - segments[:, 0]
     normals = np.column_stack([-along[:, 1], along[:, 0]])
@@ -110,11 +129,11 @@ def _looks(
     hardest = np.column_stack([np.zeros(len(segments)), np.ones(len(segments))])
     # once to see from how far off surfaces return beams, and once to count
     for _ in range(2):
-        met[:], passed[:], silent[:] = 0, 0, 0
+        counts[:] = 0
         for view in views:
             looks_into(
                 middles, normals, view.T_map_base.as_array(), view.origin_m, view.angles_rad,
                 view.ranges_m, config.beside_m, config.beside_share, config.coarsest_m,
-                _SURE * max(finite_m), hardest, met, passed, silent,
+                max(finite_m), hardest, counts,
             )  # fmt: skip
-    return met, passed, silent
+    return counts

@@ -13,6 +13,15 @@ _ASIDE_M = 0.04
 """Chosen: beams that pass by so near may have missed a thin leg that stands a little aside."""
 _STRAIGHT = 0.8
 """Chosen: of the sine: glass and black cloth return what meets them so straight, and nothing else."""
+_SURE, _EDGE = 0.9, 0.97
+"""Chosen: of the farthest return of all: beyond, a laser hardly tells that nothing is there; and does
+not, by its noise alone, of what has returned its beams from nearly there."""
+_NEARLY = 1.05
+"""Chosen: what returns beams from so far does from so much farther too."""
+MET, PASSED, SILENT, ROW, MOST_PASSED = range(5)
+"""Columns of what `looks_into` counts: of scans, of those that passed since one last met it, and the
+most of these."""
+COUNTS = 5
 
 
 @compiled
@@ -87,25 +96,23 @@ def looks_into(
     margin_m: float,
     margin_share: float,
     coarsest_m: float,
-    reach_m: float,
+    farthest_m: float,
     hardest: FloatArray,
-    met: IntArray,
-    passed: IntArray,
-    silent: IntArray,
+    counts: IntArray,
 ) -> None:
-    """Adds to met, passed and silent (N,) what a scan says of points (N, 2) of surfaces facing normals (N, 2).
+    """Counts (N, 5) what a scan says of points (N, 2) of surfaces facing normals (N, 2).
 
     The scan's frame is at a pose (3,) in theirs, its beams start at an origin (2,) in it, angles:
     (B,) increasing, ranges: (B,). Of a point before the surface of which it stands, and where beams
     are no farther apart than coarsest_m: met where a beam beside it ends no farther from it than
-    the margin, passed where all beams about it end beyond, silent where some of these come back from
+    the margin, passed where all beams about it end beyond, none alone before its neighbours, silent where some of these come back from
     nowhere although the surface is no farther than reach_m and straight before the laser, or has
     returned others from as far and as much along it. hardest: (N, 2) of those that it returned, the
     greatest distance [m] and the least sine of the angle to it: kept up to date.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    count = angles.shape[0]
-    step = (angles[count - 1] - angles[0]) / (count - 1)
+    beam_count = angles.shape[0]
+    step = (angles[beam_count - 1] - angles[0]) / (beam_count - 1)
     eye_x = pose[0] + c * origin[0] - s * origin[1]
     eye_y = pose[1] + s * origin[0] + c * origin[1]
     for i in range(points.shape[0]):
@@ -122,7 +129,7 @@ def looks_into(
             bearing += 2.0 * math.pi
         while bearing >= angles[0] + 2.0 * math.pi:
             bearing -= 2.0 * math.pi
-        low, high = 0, count - 1
+        low, high = 0, beam_count - 1
         while high - low > 1:
             middle = (low + high) // 2
             if angles[middle] <= bearing:
@@ -133,9 +140,9 @@ def looks_into(
         aside = _ASIDE_M / distance
         while first > 0 and angles[first] > bearing - aside:
             first -= 1
-        while last < count - 1 and angles[last] < bearing + aside:
+        while last < beam_count - 1 and angles[last] < bearing + aside:
             last += 1
-        if bearing > angles[count - 1] or first < 0 or last >= count:
+        if bearing > angles[beam_count - 1] or first < 0 or last >= beam_count:
             continue
         margin = margin_m + margin_share * distance
         nearest, farthest, is_met = math.inf, 0.0, False
@@ -147,14 +154,27 @@ def looks_into(
             is_met |= abs(ranges[k] - distance) <= margin
         if is_met:
             if before > 0.0:
-                met[i] += 1
+                counts[i, MET] += 1
+                counts[i, ROW] = 0
                 hardest[i, 0] = max(hardest[i, 0], distance)
                 hardest[i, 1] = min(hardest[i, 1], before / distance)
-        elif nearest > distance + margin:
+        elif nearest > distance + margin and not _is_mixed(ranges, first, last, margin):
+            is_straight = abs(before) > _STRAIGHT * distance and distance < _SURE * farthest_m
+            is_easier = distance <= _NEARLY * hardest[i, 0] and distance < _EDGE * farthest_m
+            is_easier &= abs(before) >= hardest[i, 1] * distance
             if farthest < math.inf:
-                passed[i] += 1
-            elif distance < reach_m and (
-                abs(before) > _STRAIGHT * distance
-                or (distance <= hardest[i, 0] and abs(before) >= hardest[i, 1] * distance)
-            ):
-                silent[i] += 1
+                counts[i, PASSED] += 1
+                counts[i, ROW] += 1
+                counts[i, MOST_PASSED] = max(counts[i, MOST_PASSED], counts[i, ROW])
+            elif is_straight or is_easier:
+                counts[i, SILENT] += 1
+
+
+@compiled
+def _is_mixed(ranges: FloatArray, first: int, last: int, margin_m: float) -> bool:
+    """Whether one of some beams ends alone, nearer than those beside it: light of a thin leg, or of an
+    edge, mixed with that from behind."""
+    for k in range(max(first, 1), min(last, ranges.shape[0] - 2) + 1):
+        if ranges[k] < min(ranges[k - 1], ranges[k + 1]) - margin_m:
+            return True
+    return False

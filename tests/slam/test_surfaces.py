@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
+from slam.kernels.visibility import COUNTS, MET, PASSED, SILENT, looks_into
 from slam.se2 import SE2
 from slam.surface_map import faced
-from slam.surfaces import Surfaces, surfaces_of
+from slam.surfaces import Surfaces, _is_of_what_went, surfaces_of
 from slam.views import Glances, View
 from tests.slam.synthetic import box, room, scan_of
 
@@ -104,10 +105,10 @@ def test_whoever_stood_still_is_told_by_the_scans_between_the_keyframes():
     before = [View.of(T, beams) for T, _, beams in (seen(TRUE, place, rng) for place in PLACES[:8])]
     off = off_m(surfaces_of(scans).points(), TRUE)
     assert (off > 0.3).sum() > 5
-    stayed = surfaces_of(scans, before).points()
+    stayed = surfaces_of(scans, [before]).points()
     assert off_m(stayed, TRUE).max() < 0.3
     # and nothing else has gone
-    assert (off_m(surfaces_of(scans, before * 4).points(), TRUE) < 0.05).sum() > 0.98 * (
+    assert (off_m(surfaces_of(scans, [before * 4]).points(), TRUE) < 0.05).sum() > 0.98 * (
         off < 0.05
     ).sum()
 
@@ -121,12 +122,75 @@ def test_a_beam_from_nowhere_passed_what_returned_others_from_as_far():
     scans = [seen(leg, place, rng) for _ in range(4)]
     empty = [View.of(T, beams) for T, _, beams in (seen(wall, place, rng) for _ in range(4))]
     assert (off_m(surfaces_of(scans).points(), leg) < 0.1).sum() >= 4
-    near = np.hypot(*surfaces_of(scans, empty).points().T) < 3.0
+    near = np.hypot(*surfaces_of(scans, [empty]).points().T) < 3.0
     assert not near.any()
     # one in eight is what a thin leg does while it stands
     again = [View.of(T, beams) for T, _, beams in scans] * 6
-    assert (off_m(surfaces_of(scans, again + empty).points(), leg) < 0.1).sum() >= 4
-    assert (np.hypot(*surfaces_of(scans, again + empty).points().T) < 3.0).any()
+    assert (off_m(surfaces_of(scans, [again + empty]).points(), leg) < 0.1).sum() >= 4
+    assert (np.hypot(*surfaces_of(scans, [again + empty]).points().T) < 3.0).any()
+
+
+def test_two_looks_through_somebody_outweigh_a_hundred_that_met_him():
+    # he waits at one spot, goes for as long as two scans take, and comes back to it
+    somebody = np.concatenate([TRUE, box(1.2, 1.9, 1.3, 2.0)])
+    rng = np.random.default_rng(8)
+    there = [seen(somebody, place, rng) for place in PLACES]
+    gone = [seen(TRUE, PLACES[2], rng) for _ in range(2)]
+    views = [View.of(T, beams) for T, _, beams in gone]
+    waits = [[View.of(T, beams) for T, _, beams in there[:4]] * 10] * 3
+    around = [*waits[:1], views, *waits[1:]]
+    assert (off_m(surfaces_of(there, waits).points(), TRUE) > 0.3).sum() > 5
+    assert off_m(surfaces_of(there, around).points(), TRUE).max() < 0.3
+    # one look alone may have been of another spot
+    assert (off_m(surfaces_of(there, [views[:1], *waits]).points(), TRUE) > 0.3).sum() > 5
+
+
+def test_who_was_seen_through_goes_as_a_whole():
+    segments = np.array([[[x, 0.0], [x + 0.03, 0.0]] for x in (0.0, 0.04, 0.08, 1.0, 1.04, 1.08)])
+    stays = np.array([False, False, True, True, False, False])
+    # of a leg of a chair most looks meet its front; what hardly any met tells nothing of it
+    met = np.array([40, 40, 50, 90, 20, 20])
+    seen = Surfaces(segments, np.full(6, 0.01), met, np.zeros(6, dtype=np.int64))
+    assert _is_of_what_went(seen, stays).tolist() == [True] * 3 + [False] * 3
+    assert _is_of_what_went(surfaces_of([]), np.zeros(0, dtype=bool)).tolist() == []
+
+
+@pytest.mark.parametrize(
+    ("behind", "expected"),
+    [
+        ([3.5] * 9, (0, 1, 0)),
+        # light mixed at a thin leg: the beam ends between the leg and what is behind it
+        ([3.5] * 4 + [2.9] + [3.5] * 4, (0, 0, 0)),
+        ([3.5] * 3 + [2.1] * 3 + [3.5] * 3, (1, 0, 0)),
+        # a step behind it is none
+        ([3.5] * 5 + [2.9] * 4, (0, 1, 0)),
+    ],
+)
+def test_looks_of_one_scan_at_a_leg(behind, expected):
+    counts = looked([behind], 2.0)
+    assert tuple(counts[0, [MET, PASSED, SILENT]]) == expected
+
+
+def test_silence_tells_as_far_as_beams_came_back_and_a_little_farther():
+    met, none = [3.6] * 9, [np.inf] * 9
+    # askew: what is far and met so is no certain thing
+    askew = (-0.5, np.sqrt(0.75))
+    for ahead_m, told in ((3.6, 1), (3.7, 1), (3.95, 0)):
+        counts = looked([met, none], ahead_m, facing=askew, first_m=3.6)
+        assert counts[0, SILENT] == told, ahead_m
+
+
+def looked(scans, ahead_m, facing=(-1.0, 0.0), first_m=None):
+    """What `looks_into` counts of a point so far ahead; first_m: as far as it is for the first."""
+    angles = np.radians(np.linspace(-2.0, 2.0, 9))
+    hardest, counts = np.array([[0.0, 1.0]]), np.zeros((1, COUNTS), dtype=np.int64)
+    for index, ranges in enumerate(scans):
+        way = first_m if first_m is not None and index == 0 else ahead_m
+        looks_into(
+            np.array([[way, 0.0]]), np.array([facing]), np.zeros(3), np.zeros(2), angles,
+            np.array(ranges), 0.08, 0.02, 0.05, 4.0, hardest, counts,
+        )  # fmt: skip
+    return counts
 
 
 def test_surfaces_move_with_their_frame(surfaces):
