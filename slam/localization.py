@@ -45,6 +45,8 @@ class LocalizerConfig:
     by chance once in a million.
     max_scale: by how much the innovations seen may widen the covariances of matches, and of motions.
     They never narrow them: small innovations may be the other's doing just as well.
+    mount_sigma: (m, m, rad) of the laser's place on the robot; it stays what it is, so that no
+    number of scans makes it less. Added to the covariance of the pose.
     """
 
     deskew: bool = True
@@ -57,6 +59,7 @@ class LocalizerConfig:
     max_nis: float = 30.0
     max_scale: float = 10.0
     wheels: WheelPrior = field(default_factory=WheelPrior)
+    mount_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         starts = (self.start_sigma_m, self.start_sigma_rad)
@@ -68,9 +71,9 @@ class LocalizerConfig:
             raise ValueError(f"max_scale must be 1 or more, not {self.max_scale}")
         if not self.range_max_m > 0.0:
             raise ValueError(f"range_max_m must be above 0, not {self.range_max_m}")
-        bounds = (self.sweep_s, *self.fastest)
+        bounds = (self.sweep_s, *self.fastest, *self.mount_sigma)
         if not all(math.isfinite(bound) and bound >= 0.0 for bound in bounds):
-            raise ValueError(f"sweep_s and fastest must be 0 or more, not {bounds}")
+            raise ValueError(f"sweep_s, fastest and mount_sigma must be 0 or more, not {bounds}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +147,11 @@ class Localizer:
         """The pose at the last measurement."""
         return self._filter.T_map_base
 
+    @property
+    def _covariance(self) -> FloatArray:
+        mount = np.diag(np.square(self.config.mount_sigma))
+        return np.asarray(self._filter.covariance + self._straightener.late + mount)
+
     def update(self, measurement: Measurement) -> Estimate:
         """One pass of Fig. 2. Without a match the prediction stands."""
         measurement = replace(measurement, scan=measurement.scan.cut(self.config.range_max_m))
@@ -171,7 +179,7 @@ class Localizer:
         if self._monitor.has_offset:
             self._offset_m = self._monitor.offset_m
         claims_nothing = self._claims_nothing or (self.guard is not None and self.guard.is_lost)
-        covariance = None if claims_nothing else self._filter.covariance + self._straightener.late
+        covariance = None if claims_nothing else self._covariance
         return Estimate(
             measurement.time_s, T_predicted, self.T_map_base, match, covariance, nis,
             self._monitor.warnings + said, judged.verdict,

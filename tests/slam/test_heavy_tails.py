@@ -59,7 +59,7 @@ def test_one_explanation_is_the_kalman_filter_s():
 def test_mean_and_covariance_are_those_of_all_explanations(off):
     # along x alone: density of prediction and match multiplied on a grid
     P, R = 0.02**2, 0.03**2
-    odds, innovation = SlipOdds().odds * 300.0, off * 0.03
+    odds, innovation = SlipOdds(0.01).odds * 300.0, off * 0.03
     x = np.linspace(-1.5, 1.5, 300_001)
 
     def mixed(centre: float, variances: np.ndarray, shares: np.ndarray) -> np.ndarray:
@@ -112,7 +112,7 @@ def test_wheels_that_slipped_are_found_out_by_scans_that_agree(slip_m, scans):
 
 
 def test_longer_way_makes_a_slip_likelier():
-    slips, told = SlipOdds(), []
+    slips, told = SlipOdds(0.01), []
     for way_m in (0.0, 0.02, 0.98):
         slips.move(np.array([way_m, 0.0, 0.0]))
         told.append(slips.odds.sum())

@@ -8,7 +8,7 @@ import pytest
 
 from slam.beams import Beams
 from slam.lines import LineMap
-from slam.localization import Localizer
+from slam.localization import Localizer, LocalizerConfig
 from slam.matchers import LineMatcher, Matcher, OdometryMatcher, Open3dMatcher, PaperMatcher
 from slam.measurements import Measurement
 from slam.point_map import PointMap
@@ -90,6 +90,27 @@ def test_prediction_is_the_old_pose_moved_in_the_robots_own_frame():
     scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE)
     estimate = localizer.update(Measurement(0.0, SE2(1.0, 0.0, 0.0), scan))
     assert (estimate.T_predicted.x, estimate.T_predicted.y) == pytest.approx((1.0, 1.0))
+
+
+def test_no_number_of_scans_tells_where_the_laser_is_on_the_robot():
+    # each of its matches is a millimetre off by chance, and all by half of one
+    def matched(beams: Beams, T_predicted: SE2) -> ScanMatch:
+        off = SE2.exp([0.0005 + 0.001 * rng.standard_normal(), 0.0, 0.0])
+        return ScanMatch(ROOM_CENTRE @ off, MatchStatus.MATCHED, information=np.eye(3) * 1e6)
+
+    variances = []
+    for mount_sigma in ((0.0, 0.0, 0.0), (0.0005, 0.0, 0.0)):
+        rng = np.random.default_rng(3)
+        localizer = Localizer(matched, ROOM_CENTRE, LASER, LocalizerConfig(mount_sigma=mount_sigma))
+        for i in range(60):
+            scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE @ LASER, rng, 0.01)
+            still = Measurement(0.1 * i, SE2.identity(), scan, np.eye(3) * 1e-14)
+            estimate = localizer.update(still)
+        variances.append(estimate.covariance[0, 0])
+    assert math.sqrt(variances[0]) < 0.0003
+    assert variances[1] - variances[0] == pytest.approx(0.0005**2)
+    with pytest.raises(ValueError, match="mount_sigma must be 0 or more"):
+        LocalizerConfig(mount_sigma=(-0.001, 0.0, 0.0))
 
 
 def test_wheels_that_err_less_than_assumed_make_no_match_surer_than_it_says():
