@@ -6,6 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
@@ -76,13 +77,16 @@ class KitasapVectorEnv(SyncVectorEnv):
         if len(given) != self.num_envs:
             raise ValueError(f"actions: one for each of {self.num_envs} episodes, not {len(given)}")
 
-        def work(thread: int) -> list[_Step]:
-            share = range(thread, self.num_envs, self._threads)
-            return [self._stepped(i, given[i]) for i in share]
+        # each thread takes the next that nobody has taken; what takes longest comes first
+        left = iter(np.argsort(~self._autoreset_envs, kind="stable").tolist())
+
+        def work(_: int) -> list[tuple[int, _Step]]:
+            return [(i, self._stepped(i, given[i])) for i in left]
 
         with _patient():
-            worked = list(self._pool.map(work, range(self._threads)))
-        steps = [worked[i % self._threads][i // self._threads] for i in range(self.num_envs)]
+            worked = self._pool.map(work, range(self._threads))
+            taken = dict(chain.from_iterable(worked))
+        steps = [taken[i] for i in range(self.num_envs)]
         observations, rewards, terminations, truncations, infos = zip(*steps, strict=True)
         self._terminations, self._truncations = np.array(terminations), np.array(truncations)
         self._autoreset_envs = self._terminations | self._truncations
