@@ -54,7 +54,9 @@ def main(arguments: list[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         status = _INTERRUPTED
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
-        print("\nkitasap: interrupted; the same command goes on from here", file=sys.stderr)
+        goes_on = "; the same command goes on from here"
+        is_run = (sys.argv[1:] if arguments is None else arguments)[:1] == ["run"]
+        print(f"\nkitasap: interrupted{goes_on if is_run else ''}", file=sys.stderr)
     return status if isinstance(status, int) else 0
 
 

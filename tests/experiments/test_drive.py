@@ -36,7 +36,7 @@ def test_drive_writes_a_line_for_each_episode_and_a_summary(tmp_path, capsys):
     assert printed.splitlines()[-1] == f"results: {tmp_path}"
 
 
-def test_episodes_that_ended_outlast_an_interruption(tmp_path, monkeypatch):
+def test_episodes_that_ended_outlast_an_interruption(tmp_path, monkeypatch, capsys):
     assert drive(tmp_path, "--episodes", "1") == 0  # its line and summary are of another drive
     begun = []
 
@@ -48,6 +48,8 @@ def test_episodes_that_ended_outlast_an_interruption(tmp_path, monkeypatch):
 
     monkeypatch.setattr("experiments.drive._episode", second_is_interrupted)
     assert drive(tmp_path, "--episodes", "3", "--seed", "1") == 130
+    # unlike a run it does not go on from there, and does not say so
+    assert capsys.readouterr().err.splitlines()[-1] == "kitasap: interrupted"
     lines = (tmp_path / "episodes.jsonl").read_text().splitlines()
     assert [json.loads(line)["seed"] for line in lines] == [begun[0][2]]
     assert not (tmp_path / "summary.json").exists()
