@@ -84,7 +84,7 @@ def surfaces_of(
     them saw him come or go.
     """
     config = config or SurfacesConfig()
-    segments, sigma_m = SurfaceCells.of(scans, config).pieces(config)
+    segments, sigma_m, own = SurfaceCells.of(scans, config).pieces(config)
     views: list[View] = []
     for index, (T, _, beams) in enumerate(scans):
         views += [View.of(T, beams), *(glances[index] if index < len(glances) else ())]
@@ -93,6 +93,8 @@ def surfaces_of(
     surfaces = Surfaces(segments, sigma_m, met, passed)
     stays = met >= config.least_looks * (met + passed)
     stays &= counts[:, MOST_PASSED] < config.most_passed
+    least, least_share = config.least_points
+    stays &= (own >= least) | (own >= least_share * met)
     is_silent = stays & (met < config.least_returns * (met + passed + silent))
     # a laser that comes back from nowhere everywhere does not tell where nothing is
     if np.count_nonzero(is_silent) <= _MOST_SILENT * np.count_nonzero(stays):

@@ -1,5 +1,7 @@
 """Surfaces averaged from many scans: both sides of a wall, what was passed, thin things, edges."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -178,6 +180,24 @@ def test_silence_tells_as_far_as_beams_came_back_and_a_little_farther():
     for ahead_m, told in ((3.6, 1), (3.7, 1), (3.95, 0)):
         counts = looked([met, none], ahead_m, facing=askew, first_m=3.6)
         assert counts[0, SILENT] == told, ahead_m
+
+
+def test_a_lone_point_beside_an_edge_is_no_surface_where_a_hundred_looks_met_the_edge():
+    # a wall a metre ahead ends beside the robot; of light mixed there one beam ended beyond it
+    rng = np.random.default_rng(9)
+    y = rng.uniform(-0.6, 0.0, 60)
+    wall = np.column_stack([np.full(60, 1.0), y, np.full(60, math.pi)])
+    points = np.concatenate([wall, [[1.02, 0.03, math.pi]]])
+    angles = np.radians(np.linspace(-40.0, 40.0, 321))
+    beams = Beams(np.zeros((321, 2)), angles, 1.0 / np.cos(angles))
+    place = SE2.identity()
+    kept = []
+    for looks in (20, 100):
+        glances = [[View.of(place, beams)] * looks]
+        found = surfaces_of([(place, points, beams)], glances).points()
+        kept.append((found[:, 1] > 0.002).any())
+        assert (found[:, 1] < -0.5).any()
+    assert kept == [True, False]
 
 
 def looked(scans, ahead_m, facing=(-1.0, 0.0), first_m=None):
