@@ -93,13 +93,13 @@ def surfaces_of(
     surfaces = Surfaces(segments, sigma_m, met, passed)
     stays = met >= config.least_looks * (met + passed)
     stays &= counts[:, MOST_PASSED] < config.most_passed
-    least, least_share = config.least_points
-    stays &= (own >= least) | (own >= least_share * met)
     is_silent = stays & (met < config.least_returns * (met + passed + silent))
     # a laser that comes back from nowhere everywhere does not tell where nothing is
     if np.count_nonzero(is_silent) <= _MOST_SILENT * np.count_nonzero(stays):
         stays &= ~is_silent
-    return surfaces.taken(stays & ~_is_of_what_went(surfaces, stays))
+    least, least_share = config.least_points
+    is_seen = (own >= least) | (own >= least_share * met)
+    return surfaces.taken(stays & is_seen & ~_is_of_what_went(surfaces, stays))
 
 
 def _is_of_what_went(surfaces: Surfaces, stays: BoolArray) -> BoolArray:

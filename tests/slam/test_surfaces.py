@@ -200,6 +200,18 @@ def test_a_lone_point_beside_an_edge_is_no_surface_where_a_hundred_looks_met_the
     assert kept == [True, False]
 
 
+def test_a_leg_stays_though_lone_points_beside_it_go():
+    rng = np.random.default_rng(10)
+    y = np.concatenate([np.linspace(-0.045, -0.005, 6), [0.03, -0.07]])
+    points = np.column_stack([1.0 + 0.002 * rng.standard_normal(8), y, np.full(8, math.pi)])
+    angles = np.radians(np.linspace(-40.0, 40.0, 321))
+    beams = Beams(np.zeros((321, 2)), angles, 1.0 / np.cos(angles))
+    glances = [[View.of(SE2.identity(), beams)] * 100]
+    found = surfaces_of([(SE2.identity(), points, beams)], glances).points()
+    assert len(found)
+    assert ((found[:, 1] > -0.065) & (found[:, 1] < 0.025)).all()
+
+
 def looked(scans, ahead_m, facing=(-1.0, 0.0), first_m=None):
     """What `looks_into` counts of a point so far ahead; first_m: as far as it is for the first."""
     angles = np.radians(np.linspace(-2.0, 2.0, 9))
