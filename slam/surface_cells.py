@@ -33,8 +33,9 @@ class SurfacesConfig:
     prior_m, prior_points: how rough a piece is before its points say so, and as many points as that
     counts. most_sigma_m: to which a piece must be known, across itself, by its points' roughness and
     number. least_own: share of its weight that lies in the cell itself.
-    least_looks: share of the scans that looked at a piece, which must have met it; most_passed: by so
-    many in a row it was not there then, of the walls of an office one in 150; least_returns:
+    least_looks: share of the scans that looked at a piece, which must have met it; seen_through: by
+    so many in a row, of so many times as many that met it, it was not there then; of the walls of an
+    office one in 150. A leg that ends at the height of the beams is: two of 360. least_returns:
     counting those that came back from nowhere, which a chair's leg makes one in eight. least_points:
     of a piece's own, or else as a share of the looks that met it: of what is behind an edge light
     mixed there makes one in a hundred looks. beside_m,
@@ -50,7 +51,7 @@ class SurfacesConfig:
     most_sigma_m: float = 0.01
     least_own: float = 0.12
     least_looks: float = 0.9
-    most_passed: int = 2
+    seen_through: tuple[float, float] = (2.0, 0.01)
     least_returns: float = 0.8
     least_points: tuple[float, float] = (1.5, 0.03)
     beside_m: float = 0.05

@@ -92,7 +92,8 @@ def surfaces_of(
     met, passed, silent = counts[:, MET], counts[:, PASSED], counts[:, SILENT]
     surfaces = Surfaces(segments, sigma_m, met, passed)
     stays = met >= config.least_looks * (met + passed)
-    stays &= counts[:, MOST_PASSED] < config.most_passed
+    fewest, share = config.seen_through
+    stays &= counts[:, MOST_PASSED] < np.maximum(fewest, share * met)
     is_silent = stays & (met < config.least_returns * (met + passed + silent))
     # a laser that comes back from nowhere everywhere does not tell where nothing is
     if np.count_nonzero(is_silent) <= _MOST_SILENT * np.count_nonzero(stays):

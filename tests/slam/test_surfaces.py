@@ -143,6 +143,10 @@ def test_two_looks_through_somebody_outweigh_a_hundred_that_met_him():
     around = [*waits[:1], views, *waits[1:]]
     assert (off_m(surfaces_of(there, waits).points(), TRUE) > 0.3).sum() > 5
     assert off_m(surfaces_of(there, around).points(), TRUE).max() < 0.3
+    # of a leg that ends at the height of the beams two looks of some hundreds see nothing
+    long = [[View.of(T, beams) for T, _, beams in there[:4]] * 60] * 3
+    rarely = surfaces_of(there, [*long[:1], views, *long[1:]]).points()
+    assert (off_m(rarely, TRUE) > 0.3).sum() > 5
     # one look alone may have been of another spot
     assert (off_m(surfaces_of(there, [views[:1], *waits]).points(), TRUE) > 0.3).sum() > 5
 
