@@ -16,6 +16,8 @@ from rich.table import Table
 from experiments.beliefs import BeliefReward
 from experiments.policies import Policy, checked, policy
 from experiments.statistics import wilson_interval
+from kitasap_sim.env.base import KitasapEnv
+from kitasap_sim.env.variation import RANDOM
 
 _EPISODES_FILE, _SUMMARY_FILE = "episodes.jsonl", "summary.json"
 _FRAME_STEPS = 2
@@ -48,6 +50,11 @@ class DriveConfig:
         keywords: dict[str, Any] = {key: value for key, value in named.items() if value is not None}
         task_id = f"kitasap_sim:Kitasap2/{self.task}-v0"
         env: gymnasium.Env = gymnasium.make(task_id, render_mode=render_mode, **keywords)
+        assert isinstance(env.unwrapped, KitasapEnv)
+        place = self.place or env.unwrapped.DEFAULT_PLACE
+        if self.difficulty is not None and place != RANDOM:
+            env.close()
+            raise ValueError(f"difficulty changes nothing of {place}: it is of place {RANDOM}")
         # the reward is of what is believed, which the simulator does not know
         return BeliefReward(env) if self.task == "Relocalize" else env
 

@@ -25,7 +25,7 @@ def checked_file(path: Path) -> Path:
     Raises ValueError for a folder, OSError, naming the file, where nothing can be written.
     """
     if path.is_dir():
-        raise ValueError(f"--out takes a file, and {path} is a folder")
+        raise ValueError(f"a file is to be written, and {path} is a folder")
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     _check_writable(path.parent, path)

@@ -78,7 +78,7 @@ class LaserSpec:
             raise ValueError(f"laser {self.name}: mount_m lies {self.mount_m[2]} m above the floor")
         if not math.isfinite(self.range_bias_m):
             raise ValueError(f"laser {self.name}: range_bias_m must be a finite number")
-        if self.beam_count * self.step_rad > 2 * math.pi + 1e-9:
+        if (self.beam_count - 1) * self.step_rad > 2 * math.pi - 1e-9:
             raise ValueError(
                 f"laser {self.name}: {self.beam_count} beams of {self.step_rad:.6f} rad "
                 "are more than a full turn"

@@ -2,10 +2,10 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,6 +23,7 @@ from kitasap_sim.free_space import (
     widened,
 )
 from kitasap_sim.geometry import cuts_between, points_on, slice_at, static_triangles, visible_runs
+from kitasap_sim.place_map import PlaceMap
 from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
 
 _FOLDER = files("models") / "places"
@@ -39,24 +40,6 @@ def place_names() -> list[str]:
     return sorted(Path(str(entry)).stem for entry in _FOLDER.iterdir() if entry.name[-4:] == ".xml")
 
 
-@dataclass(frozen=True)
-class PlaceMap:
-    """What a laser at one height can ever see of a place.
-
-    segments_m: (S, 2, 2) visible parts of the surfaces [m], each with its open side on the left; a
-    sheet seen from both sides comes twice. points_m(spacing) samples them.
-    """
-
-    height_m: float
-    segments_m: np.ndarray
-
-    def points_m(self, spacing_m: float) -> np.ndarray:
-        """(K, 2) points on the surfaces, at most spacing_m apart along each [m]."""
-        points, _ = points_on(self.segments_m, spacing_m)
-        _, first = np.unique(np.round(points / (spacing_m / 10)), axis=0, return_index=True)
-        return points[np.sort(first)]
-
-
 class Place:
     """One MJCF world: a name out of `place_names()`, or the path of any MJCF file.
 
@@ -67,7 +50,8 @@ class Place:
 
     def __init__(self, name_or_path: str | Path) -> None:
         self.name = str(name_or_path)
-        self.path = _find(self.name)
+        self.path = place_path(self.name)
+        self._is_file = True
         self._take(self._parsed())
 
     @classmethod
@@ -77,9 +61,18 @@ class Place:
         Raises ValueError, in one line, if it cannot be used.
         """
         place = cls.__new__(cls)
-        place.name, place.path = name, Path(name)
+        place.name, place.path, place._is_file = name, Path(name), False
         place._take(spec)
         return place
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "Place":
+        return self  # nobody changes it
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For another process: it reads the file again; of what a program made, seven digits."""
+        if self._is_file:
+            return Place, (self.name,)
+        return _remade, (self._spec.to_xml(), self.name, self.path, self.start)
 
     def _take(self, spec: mujoco.MjSpec) -> None:
         """Makes this the place's world. Raises ValueError if it cannot be used."""
@@ -336,13 +329,21 @@ class Place:
         return max(finest_m, float((bounds_m[1] - bounds_m[0]).max()) / _MAX_CELLS_ALONG)
 
 
-def _find(name: str) -> Path:
+def place_path(name: str) -> Path:
+    """The file of a place by name, or by path. Raises ValueError, naming those there are, if there
+    is none."""
     if name in place_names():
         return Path(str(_FOLDER / f"{name}.xml"))
     path = Path(name)
     if path.is_file():
         return path
     raise ValueError(f"no place called '{name}', nor a file; there are: {', '.join(place_names())}")
+
+
+def _remade(mjcf: str, name: str, path: Path, start: np.ndarray) -> Place:
+    place = Place.of_mjcf(mujoco.MjSpec.from_string(mjcf), name)
+    place.path, place.start = path, start
+    return place
 
 
 def _one_line(error: Exception) -> str:

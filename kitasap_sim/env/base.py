@@ -71,7 +71,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     room in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many of whose
     view, range and noise, each fired once in a step. `control`. `people`: who walk about.
     Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii`
-    (share by which each is truly larger, 0), `laser_noise` (times the laser's sigma, 1) and
+    (share by which each is truly larger, 0, at most 0.05), `laser_noise` (times the laser's sigma, 1) and
     `latency_s` (0) take one value, or (low, high) between which each episode draws its own.
     `odometry`: a preset.
 
@@ -119,6 +119,10 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         )  # fmt: skip
         # as it is sold, by which it is known; and as it is here, with beams of its own
         self.sold_laser = laser_preset(laser) if isinstance(laser, str) else laser
+        if not isinstance(self.sold_laser, LaserSpec):
+            raise ValueError(f"laser: a name or a LaserSpec, not {laser!r}")
+        if isinstance(beams, bool) or not isinstance(beams, int | np.integer) or beams < 1:
+            raise ValueError(f"beams: a whole number of at least 1, not {beams!r}")
         self.laser = beams_of(self.sold_laser, beams, CONTROL_S)
         self._range_m = scan_range_m(self.laser)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -187,6 +191,14 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
                 f"no option called {', '.join(sorted(unknown))};"
                 f" there are: {', '.join(self.OPTIONS)}"
             )
+        try:
+            return self._begun(options)
+        except Exception:
+            self._sim = None  # half begun it is no episode
+            raise
+
+    def _begun(self, options: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
+        """What `reset` says, once its options are known to be some."""
         drawn = self.variation.drawn(self.laser, self.np_random, options.get("place"))
         self._sim, self._beams = drawn.simulation, drawn.beams
         self._noise = drawn.noise

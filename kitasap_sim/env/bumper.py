@@ -1,28 +1,28 @@
 """Whether the robot touches anything but the floor."""
 
-import mujoco
-import numpy as np
-
 from kitasap_sim import names
+from kitasap_sim.robot import SWEPT_HEIGHTS_M
 from kitasap_sim.simulation import Simulation
-
-_OTHER, _ROBOT, _FLOOR = 0, 1, 9
-"""Kinds of geoms: two of them add up to _ROBOT only where the robot touches what it should not."""
 
 
 class Bumper:
-    """Of the robot in a simulation: it may touch the floor and its bumps."""
+    """Of the robot in a simulation: it may touch the floor and what lies as low, a bump or a mat.
+
+    What carries it is told by how high it is touched, whatever a place makes its floor of: tires meet
+    a wall as high as their axle is, the caster's ball at its middle.
+    """
 
     def __init__(self, simulation: Simulation) -> None:
         model = simulation.model
         base = model.body(names.BASE).id
-        is_robot = model.body_rootid[model.geom_bodyid] == base
-        is_plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        is_unseen = (model.geom_rgba[:, 3] == 0.0) & (model.geom_matid < 0)
-        self._kinds = np.where(is_robot, _ROBOT, np.where(is_plane | is_unseen, _FLOOR, _OTHER))
+        self._is_robot = model.body_rootid[model.geom_bodyid] == base
         self._data = simulation.data
 
     def is_touched(self) -> bool:
         """Whether the robot touches anything else now."""
-        kinds = self._kinds[self._data.contact.geom]
-        return bool((kinds[:, 0] + kinds[:, 1] == _ROBOT).any())
+        contact = self._data.contact
+        is_high = contact.pos[:, 2] > SWEPT_HEIGHTS_M[0]
+        if not is_high.any():
+            return False
+        is_robot = self._is_robot[contact.geom[is_high]]
+        return bool((is_robot[:, 0] != is_robot[:, 1]).any())

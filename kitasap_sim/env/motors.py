@@ -76,12 +76,14 @@ class Motors:
 def checked_action(action: Any) -> np.ndarray:
     """(2,) float32 the action clipped to its bounds. Raises ValueError for what is none."""
     try:
-        values = np.array(action, dtype=np.float32)
-    except (TypeError, ValueError):
-        values = np.zeros(0, dtype=np.float32)
-    if values.shape != (2,) or not np.isfinite(values).all():
+        values = np.asarray(action)
+    except ValueError:
+        values = np.zeros(0)
+    is_number = values.dtype.kind in "biuf"  # no text, nothing complex, no object
+    if values.shape != (2,) or not (is_number and np.isfinite(values).all()):
         raise ValueError(f"an action is two finite numbers from -1 to 1, not {action!r}")
-    return values.clip(-1.0, 1.0)
+    # before it is narrowed: beyond what 32 bits hold there are numbers too
+    return np.asarray(values.clip(-1.0, 1.0), dtype=np.float32)
 
 
 def _towards(now: float, wanted: float, most: float) -> float:

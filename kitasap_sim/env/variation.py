@@ -10,7 +10,7 @@ import numpy as np
 
 from kitasap_sim import names
 from kitasap_sim.laser import LaserSpec
-from kitasap_sim.places import Place
+from kitasap_sim.places import Place, place_path
 from kitasap_sim.random_rooms import random_room
 from kitasap_sim.robot import odometry_preset
 from kitasap_sim.simulation import Simulation
@@ -58,12 +58,15 @@ class Variation:
         _checked("people", self.people, 0.0, 100.0)
         if self.friction is not None:
             _checked("friction", self.friction, 0.01, 2.0)
-        _checked("wheel_radii", self.wheel_radii, -0.2, 0.2)
+        # on wheels that differ more from the caster the robot does not stand as it should
+        _checked("wheel_radii", self.wheel_radii, -0.05, 0.05)
         _checked("laser_noise", self.laser_noise, 0.0, 100.0)
         _checked("latency_s", self.latency_s, 0.0, 1.0)
         places = self._places()
         if not places:
             raise ValueError("place: give a place, or several to draw from, not none")
+        for place in places:
+            _check_place(place)
 
     def drawn(
         self, beams: LaserSpec, rng: np.random.Generator, wanted: str | Path | Place | None
@@ -77,7 +80,7 @@ class Variation:
             _value(span, share)
             for span, share in zip(
                 (
-                    self.difficulty, _up_to_whole(self.people), self.friction or 0.0,
+                    self.difficulty, _up_to_whole(self.people), 0.0 if self.friction is None else self.friction,
                     self.wheel_radii, self.wheel_radii, self.laser_noise, self.latency_s,
                 ),
                 rng.random(7).tolist(), strict=True,
@@ -101,7 +104,9 @@ class Variation:
         return Drawn(simulation, beams, errors, round(latency_s / simulation.timestep_s))
 
     def _places(self) -> Sequence[str | Path | Place]:
-        return (self.place,) if isinstance(self.place, str | Path | Place) else tuple(self.place)
+        if isinstance(self.place, str | Path | Place) or not isinstance(self.place, Iterable):
+            return (self.place,)
+        return tuple(self.place)
 
 
 _KNOWN: dict[str, Place] = {}
@@ -140,6 +145,18 @@ def beams_of(spec: LaserSpec, count: int, period_s: float) -> LaserSpec:
         # neighbours are degrees apart: no spot straddles two of them
         mixed_pixel_rate=0.0,
     )  # fmt: skip
+
+
+def _check_place(place: object) -> None:
+    """Raises ValueError, naming the keyword, for what is no place and names none."""
+    if isinstance(place, str | Path):
+        try:
+            if place != RANDOM:
+                place_path(str(place))
+        except ValueError as error:
+            raise ValueError(f"place: {error}, or {RANDOM}") from None
+    elif not isinstance(place, Place):
+        raise ValueError(f"place: a name, the path of an MJCF file, or a Place, not {place!r}")
 
 
 def _checked(name: str, span: Span, least: float, most: float) -> None:

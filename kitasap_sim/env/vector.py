@@ -31,6 +31,7 @@ class KitasapVectorEnv(SyncVectorEnv):
 
     `gymnasium.make_vec("Kitasap2/GoTo-v0", num_envs=64)` makes it. threads: as many as cores by
     default. An episode that ended begins anew with the next step, as Gymnasium's own do by default.
+    Lists of pictures, `rgb_array_list`, are made by Gymnasium's wrapper: with `sync` and `async`.
     """
 
     ENV: ClassVar[type[KitasapEnv]]
@@ -45,6 +46,8 @@ class KitasapVectorEnv(SyncVectorEnv):
         """keywords: of the task. Raises ValueError for values that make no sense."""
         if num_envs < 1 or (threads is not None and threads < 1):
             raise ValueError(f"num_envs, threads: 1 or more, not {num_envs}, {threads}")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps: 1 or more, not {max_episode_steps}")
         self._tasks: list[KitasapEnv] = []
 
         def made() -> KitasapEnv:

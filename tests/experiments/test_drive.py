@@ -84,9 +84,11 @@ def test_figures_of_known_records_are_right():
         ("Fly", "no task called 'Fly'; there are: GoTo, Explore, Relocalize, Track"),
         ("GoTo --policy x", "no policy called 'x'; there are: baseline, trained, random"),
         ("Track --policy trained", "nothing was trained for Track: only for GoTo"),
-        ("GoTo --place moon", "no place called 'moon', nor a file; there are: "),
+        ("GoTo --place moon", "place: no place called 'moon', nor a file; there are: "),
         ("GoTo --difficulty 3", "difficulty: between 0 and 1, not 3"),
         ("GoTo --episodes 0", "Invalid value for '--episodes': "),
+        ("GoTo --place room_fig4 --difficulty 1", "difficulty changes nothing of room_fig4"),
+        ("Relocalize --difficulty 1", "difficulty changes nothing of symmetric_room"),
         ("GoTo --video a.avi", "--video takes a file that ends in .gif or .mp4, not a.avi"),
     ],
 )

@@ -63,5 +63,5 @@ def test_file_and_folder_are_not_taken_for_each_other(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(ValueError, match=r"--out takes a folder, and .*/file is a file"):
         checked_folder(tmp_path / "file")
-    with pytest.raises(ValueError, match=r"--out takes a file, and .* is a folder"):
+    with pytest.raises(ValueError, match=r"a file is to be written, and .* is a folder"):
         checked_file(tmp_path)
