@@ -89,7 +89,10 @@ def localize(
     out: LogOut = RESULTS / "localize",
     method: LogMethod = DEFAULT_METHOD["localize"],
 ) -> None:
-    """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure."""
+    """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure.
+
+    Ends with status 1 where no scan could be followed: the log may be of another place.
+    """
     from experiments import localize as localizing
     from experiments.figures import localized_log_picture
     from experiments.known_maps import LogConfig
@@ -101,8 +104,10 @@ def localize(
         result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update)
     localizing.write_results(result, out)
     localized_log_picture(out, result)
-    print(localizing.table(result.summary()))
+    summary = result.summary()
+    print(localizing.table(summary))
     print(f"results and figures: {out}")
+    raise typer.Exit(0 if summary["tracking"] else 1)
 
 
 def _pose(start: tuple[float, float, float] | None) -> "SE2 | None":
