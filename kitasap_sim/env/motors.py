@@ -1,5 +1,6 @@
 """The motors of the driving tasks: what an action asks for, and how the robot follows it."""
 
+import math
 from collections import deque
 from typing import Any
 
@@ -79,11 +80,14 @@ def checked_action(action: Any) -> np.ndarray:
         values = np.asarray(action)
     except ValueError:
         values = np.zeros(0)
-    is_number = values.dtype.kind in "biuf"  # no text, nothing complex, no object
-    if values.shape != (2,) or not (is_number and np.isfinite(values).all()):
-        raise ValueError(f"an action is two finite numbers from -1 to 1, not {action!r}")
-    # before it is narrowed: beyond what 32 bits hold there are numbers too
-    return np.asarray(values.clip(-1.0, 1.0), dtype=np.float32)
+    # no text, nothing complex, no object
+    if values.shape == (2,) and values.dtype.kind in "biuf":
+        first, second = values.tolist()
+        if math.isfinite(first) and math.isfinite(second):
+            # clipped before it is narrowed: beyond what 32 bits hold there are numbers too
+            clipped = min(max(first, -1.0), 1.0), min(max(second, -1.0), 1.0)
+            return np.array(clipped, dtype=np.float32)
+    raise ValueError(f"an action is two finite numbers from -1 to 1, not {action!r}")
 
 
 def _towards(now: float, wanted: float, most: float) -> float:
