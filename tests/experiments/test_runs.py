@@ -285,6 +285,7 @@ needs_proc = pytest.mark.skipif(
 )
 
 
+@pytest.mark.slow
 @needs_proc
 def test_killed_run_is_finished_by_the_same_command(tmp_path, kidnap_arguments, whole_run):
     log = tmp_path / "kidnap/trials.jsonl"

@@ -43,6 +43,7 @@ def test_no_leg_is_ever_within_a_solid_or_the_robot(name):
     assert np.linalg.norm(legs - robot[:, None, None], axis=3).min() > 0.5
 
 
+@pytest.mark.slow
 def test_people_keep_clear_of_a_robot_that_drives_among_them():
     place = Place("room_fig4")
     simulation = crowded(place, people=4)

@@ -92,6 +92,7 @@ def test_drive_without_noise_gives_all_six():
     assert found.drive.ticks_per_turn == ASSUMED.ticks_per_turn
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_the_covariance_says():
     rng, errors, spreads = np.random.default_rng(7), [], []
     config = CalibrationConfig(passes=1)  # these matches do not depend on the deskewing

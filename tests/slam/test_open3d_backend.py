@@ -99,6 +99,7 @@ def fingerprint() -> str:
     return np.array(poses).tobytes().hex()
 
 
+@pytest.mark.slow
 def test_registration_is_the_same_to_the_bit_on_one_core_and_on_all():
     if not hasattr(os, "sched_setaffinity"):
         pytest.skip("only Linux binds a process to one core")
