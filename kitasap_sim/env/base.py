@@ -71,8 +71,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     room in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many of whose
     view, range and noise, each fired once in a step. `control`. `people`: who walk about.
     Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii`
-    (share by which each is truly larger, 0, at most 0.05), `laser_noise` (times the laser's sigma, 1) and
-    `latency_s` (0) take one value, or (low, high) between which each episode draws its own.
+    (share by which each is truly larger, 0, at most 0.05), `laser_noise` (times the laser's sigma,
+    1) and `latency_s` (0) take one value, or (low, high) between which each episode draws its own.
     `odometry`: a preset.
 
     `reset(options={"pose": (x, y, heading), "place": ...})` sets where it starts.
@@ -193,8 +193,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             )
         try:
             return self._begun(options)
-        except Exception:
-            self._sim = None  # half begun it is no episode
+        except Exception:  # whatever it was goes on up; half begun this is no episode
+            self._sim = None
             raise
 
     def _begun(self, options: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:

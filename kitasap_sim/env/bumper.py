@@ -8,8 +8,8 @@ from kitasap_sim.simulation import Simulation
 class Bumper:
     """Of the robot in a simulation: it may touch the floor and what lies as low, a bump or a mat.
 
-    What carries it is told by how high it is touched, whatever a place makes its floor of: tires meet
-    a wall as high as their axle is, the caster's ball at its middle.
+    What carries it is told by how high it is touched, whatever a place makes its floor of: tires
+    meet a wall as high as their axle is, the caster's ball at its middle.
     """
 
     def __init__(self, simulation: Simulation) -> None:

@@ -80,7 +80,8 @@ class Variation:
             _value(span, share)
             for span, share in zip(
                 (
-                    self.difficulty, _up_to_whole(self.people), 0.0 if self.friction is None else self.friction,
+                    self.difficulty, _up_to_whole(self.people),
+                    0.0 if self.friction is None else self.friction,
                     self.wheel_radii, self.wheel_radii, self.laser_noise, self.latency_s,
                 ),
                 rng.random(7).tolist(), strict=True,
@@ -126,10 +127,8 @@ def _place(name: str | Path | Place, difficulty: float, rng: np.random.Generator
 def beams_of(spec: LaserSpec, count: int, period_s: float) -> LaserSpec:
     """A laser's view, limits and noise with so many beams, all fired once in each control period.
 
-    Raises ValueError for no beams.
+    count: at least 1.
     """
-    if count < 1:
-        raise ValueError(f"beams: at least 1, not {count}")
     view_rad = (spec.beam_count - 1) * spec.step_rad
     is_all_around = view_rad + spec.step_rad > 2.0 * math.pi - 1e-6
     step_rad = 2.0 * math.pi / count if is_all_around else view_rad / max(count - 1, 1)
