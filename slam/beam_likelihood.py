@@ -21,7 +21,7 @@ from slam.kernels.beam_likelihood import (
     look,
     residual_scale,
 )
-from slam.kernels.beam_search import maximise, pull_offset, reach_of, sharpen
+from slam.kernels.beam_search import maximise, reach_of, sharpen
 from slam.kernels.normal_equations import covariance_into, widest
 from slam.laser_model import LaserModel
 from slam.normal_points import standard_normal_points
@@ -221,17 +221,16 @@ def _matched(
     is_sharp = widest(information)[0] < _SHARP_M
     is_sharpened = bool(segment_map.is_exact and is_sharp and is_settled)
     smooth_pose, smooth_information, moments = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    smooth_sums = np.empty(SUM_COUNT)
     if is_sharpened:
         sharpen(
             *scene, config.smoothness, config.nodes, config.edge_sweeps,
             config.edge_blurs, pose, information, sums, predicted, hit_walls, is_kept, _POINTS,
-            smooth_pose, smooth_information, moments,
+            smooth_pose, smooth_information, smooth_sums, moments,
         )  # fmt: skip
     scale = float(residual_scale(laser.noise_table, beams.ranges_m, predicted, is_kept))
     smooth = None
     if is_sharpened:
-        T_smooth, smooth_sums = SE2.from_array(smooth_pose), sums.copy()
-        pull_offset(smooth_sums, (SE2.from_array(pose).inverse() @ T_smooth).log())
         free_offset(smooth_information, smooth_sums, config.offset_odds, smooth_pose)
         smooth = PoseInformation(SE2.from_array(smooth_pose), smooth_information)
     told = information.copy() if is_sharpened else information
@@ -268,7 +267,7 @@ def _widen(
     say scatter wider about the pose, moments (3, 3), than the Gaussian told (3, 3) of them; never less
     sure than the smooth beams (3, 3)."""
     # in units of its own deviations it is 1 every way
-    if np.sum(told * moments) < 2.0 + _WIDER or not (_is_closed(told) and _is_closed(information)):
+    if np.vdot(told, moments) < 2.0 + _WIDER or not (_is_closed(told) and _is_closed(information)):
         return
     root = np.linalg.cholesky(told)
     values, directions = np.linalg.eigh(root.T @ moments @ root)

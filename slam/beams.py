@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray, frozen_array
-from slam.kernels.beam_points import directions_into, points_into
+from slam.kernels.beam_points import are_all_first, directions_into, points_into
 from slam.measurements import LaserScan
 from slam.se2 import SE2
 
@@ -90,7 +90,7 @@ class Beams:
 
     @cached_property
     def _is_of_one_origin(self) -> bool:
-        return len(self) == 0 or bool((self.origins_m == self.origins_m[0]).all())
+        return bool(are_all_first(self.origins_m))
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:

@@ -262,7 +262,7 @@ class LimitMatcher:
 
     def __call__(self, beams: Beams, T_predicted: SE2) -> ScanMatch:
         """The pose from which the map explains the ranges best."""
-        if np.count_nonzero(beams.is_hit) < self.verdict.min_beams:
+        if len(beams.points) < self.verdict.min_beams:
             return ScanMatch(T_predicted, MatchStatus.LOST)
         near = self.fast.nearest(beams, T_predicted)
         known = near.information if near.is_settled and near.cost <= _NEAR_COST else None

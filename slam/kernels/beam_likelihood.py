@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
-from slam.kernels.normal_equations import covariance_into, moved
+from slam.kernels.normal_equations import covariance_into, moved, symmetric_into
 
 # What `sums` holds: beams that tell; those that fit; those that ended behind the wall, or short of
 # it; squared residuals in sigmas, each counted as an inlier's largest at most; and what a range
@@ -67,6 +67,16 @@ def mixing_density(predicted: FloatArray, i: int, z: float, margin: float) -> fl
 
 
 @compiled
+def offset_into(
+    sums: FloatArray, weight: float, pull: float, cross_x: float, cross_y: float, cross_t: float
+) -> None:
+    """What a range offset common to all beams would do, into sums (SUM_COUNT,)."""
+    sums[OFFSET_INFORMATION], sums[OFFSET_PULL] = weight, pull
+    sums[OFFSET_CROSS], sums[OFFSET_CROSS + 1] = cross_x, cross_y
+    sums[OFFSET_CROSS + 2] = cross_t
+
+
+@compiled
 def look(
     map_normals: FloatArray,
     wall_sigmas: FloatArray,
@@ -97,20 +107,18 @@ def look(
     blur: standard deviation [m] of the position, across its wall, added to every beam.
     information: (3, 3), pull: (3,), sums: (SUM_COUNT,) results.
     """
-    information[:] = 0.0
-    pull[:] = 0.0
-    sums[:] = 0.0
     c, s = math.cos(heading), math.sin(heading)
     xx = xy = xt = yy = yt = tt = 0.0
-    px = py = pt = 0.0
+    px = py = pt = ox = oy = ot = offset_weight = offset_pull = 0.0
+    used = inliers = behind = short = cost = 0.0
     for i in range(measured.shape[0]):
         z, wall = measured[i], hit_walls[i]
         if not math.isfinite(z) or not is_kept[i]:
             continue
         if wall < 0:  # it met something where the map has nothing as far as the laser reaches
-            sums[USED] += 1.0
-            sums[SHORT] += 1.0
-            sums[COST] += _INLIER
+            used += 1.0
+            short += 1.0
+            cost += _INLIER
             continue
         h = predicted[i]
         sigma = sigma_at(noise, h)
@@ -128,16 +136,16 @@ def look(
         variance = sigma * sigma + across / (cosine * cosine)
         residual = z - h
         squared = residual * residual / variance
-        sums[USED] += 1.0
+        used += 1.0
         if squared < _INLIER:
-            sums[INLIERS] += 1.0
-            sums[COST] += squared
+            inliers += 1.0
+            cost += squared
         else:
-            sums[COST] += _INLIER
+            cost += _INLIER
             if residual > 0.0:
-                sums[BEHIND] += 1.0
+                behind += 1.0
             else:
-                sums[SHORT] += 1.0
+                short += 1.0
             if squared > 100.0:
                 continue  # its weight is below e-18
         deviation = math.sqrt(variance)
@@ -147,11 +155,11 @@ def look(
         gx, gy = -nx / cosine, -ny / cosine
         gt = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
         weight /= variance
-        sums[OFFSET_INFORMATION] += weight
-        sums[OFFSET_PULL] += weight * residual
-        sums[OFFSET_CROSS] += weight * gx
-        sums[OFFSET_CROSS + 1] += weight * gy
-        sums[OFFSET_CROSS + 2] += weight * gt
+        offset_weight += weight
+        offset_pull += weight * residual
+        ox += weight * gx
+        oy += weight * gy
+        ot += weight * gt
         px += weight * residual * gx
         py += weight * residual * gy
         pt += weight * residual * gt
@@ -162,10 +170,10 @@ def look(
         yt += weight * gy * gt
         tt += weight * gt * gt
     pull[0], pull[1], pull[2] = px, py, pt
-    information[0, 0], information[1, 1], information[2, 2] = xx, yy, tt
-    information[0, 1] = information[1, 0] = xy
-    information[0, 2] = information[2, 0] = xt
-    information[1, 2] = information[2, 1] = yt
+    sums[USED], sums[INLIERS], sums[BEHIND] = used, inliers, behind
+    sums[SHORT], sums[COST] = short, cost
+    offset_into(sums, offset_weight, offset_pull, ox, oy, ot)
+    symmetric_into(xx, xy, xt, yy, yt, tt, information)
 
 
 @compiled

@@ -35,3 +35,12 @@ def points_into(
             points[count, 1] = origins[i, 1] + ranges[i] * directions[i, 1]
             count += 1
     return count
+
+
+@compiled
+def are_all_first(points: FloatArray) -> bool:
+    """Whether all points (N, 2) are the first of them, or there are none."""
+    for i in range(1, points.shape[0]):
+        if points[i, 0] != points[0, 0] or points[i, 1] != points[0, 1]:
+            return False
+    return True

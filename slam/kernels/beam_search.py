@@ -176,7 +176,7 @@ def maximise(
 
 
 @compiled
-def pull_offset(sums: FloatArray, step: FloatArray) -> None:
+def _pull_offset(sums: FloatArray, step: FloatArray) -> None:
     """The pull on the common offset in `sums`, as it is once the pose has taken a step (3,)."""
     for j in range(3):
         sums[OFFSET_PULL] -= sums[OFFSET_CROSS + j] * step[j]
@@ -210,6 +210,7 @@ def sharpen(
     points: FloatArray,
     smooth_pose: FloatArray,
     smooth_information: FloatArray,
+    smooth_sums: FloatArray,
     moments: FloatArray,
 ) -> None:
     """The pose (3,) and information (3, 3) of `maximise`, in place, with each edge taken for itself.
@@ -217,8 +218,8 @@ def sharpen(
     Beams whose range bends or jumps over the uncertainty are taken out of the Gaussian and joined
     by expectation propagation. smoothness: (2,) sigmas and bend of `keep_smooth`. nodes: (K,) in
     standard deviations, where an edge's likelihood is looked at. predicted, hit_walls: (N,) at the
-    pose. sums, is_kept: of the smooth beams. smooth_pose: (3,), smooth_information: (3, 3) results:
-    what the smooth beams say alone. moments: (3, 3) result of `moments_about` the pose, with points
+    pose. sums, is_kept: of the smooth beams. smooth_pose: (3,), smooth_information: (3, 3),
+    smooth_sums: results: what the smooth beams say alone. moments: (3, 3) result of `moments_about` the pose, with points
     (P, 3); zeros without edges.
     """
     count = angles.shape[0]
@@ -248,8 +249,8 @@ def sharpen(
     # smooth beams are straight over the uncertainty: one step is all they need
     solved(information, pull, step)
     moved(pose, step)
-    pull_offset(sums, step)
-    smooth_pose[:], smooth_information[:] = pose, information
+    _pull_offset(sums, step)
+    smooth_pose[:], smooth_information[:], smooth_sums[:] = pose, information, sums
     moments[:] = 0.0
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     edges = np.empty(count, dtype=np.int64)
@@ -295,4 +296,4 @@ def sharpen(
     propagate(information, axes, shifts, likelihoods, sweeps, mean, covariance)
     moments_about(smooth_information, axes, shifts, likelihoods, points, mean, information, moments)
     moved(pose, mean)
-    pull_offset(sums, mean)
+    _pull_offset(sums, mean)

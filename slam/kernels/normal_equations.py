@@ -15,6 +15,17 @@ _DAMPING = 1e-4
 
 
 @compiled
+def symmetric_into(
+    xx: float, xy: float, xt: float, yy: float, yt: float, tt: float, out: FloatArray
+) -> None:
+    """The symmetric matrix (3, 3) of its six entries."""
+    out[0, 0], out[1, 1], out[2, 2] = xx, yy, tt
+    out[0, 1] = out[1, 0] = xy
+    out[0, 2] = out[2, 0] = xt
+    out[1, 2] = out[2, 1] = yt
+
+
+@compiled
 def solved(information: FloatArray, pull: FloatArray, out: FloatArray) -> None:
     """The Gauss-Newton step: information \\ pull, with directions that nothing fixes left alone."""
     held = _DAMPING * (information[0, 0] + information[1, 1]) + 1e-9

@@ -129,8 +129,7 @@ def cast_fan(
         ax, ay = vertices[a, 0], vertices[a, 1]
         ex, ey = vertices[b, 0] - ax, vertices[b, 1] - ay
         for turns in range(-1, 2):
-            low = start + 2.0 * math.pi * turns
-            high = stop + 2.0 * math.pi * turns
+            low, high = start + 2.0 * math.pi * turns, stop + 2.0 * math.pi * turns
             if high < angles[0] or low > angles[count - 1]:
                 continue
             # one more on either side: rounding must not open a crack where two walls meet
@@ -156,6 +155,69 @@ def cast_fan(
 
 
 @compiled
+def cast_beside(
+    vertices: FloatArray,
+    walls: IntArray,
+    origins: FloatArray,
+    directions: FloatArray,
+    angles: FloatArray,
+    middle: FloatArray,
+    spread: float,
+    range_max: float,
+    shifts: FloatArray,
+    bearings: FloatArray,
+    lefts: FloatArray,
+    rights: FloatArray,
+) -> None:
+    """Range to the nearest wall along each beam, were it shifted to its left, and to its right.
+
+    As `cast_fan`, twice, in hardly more time than once. shifts: (N,) [m], 0 or more; origins so
+    shifted are no farther than spread from the middle. Walls farther than range_max may be left out.
+    lefts, rights: (N,) results; inf where nothing is met.
+    """
+    count = angles.shape[0]
+    lefts[:] = np.inf
+    rights[:] = np.inf
+    if count == 0:
+        return
+    distances_into(vertices, middle, bearings)
+    per_rad = (count - 1) / max(angles[count - 1] - angles[0], 1e-12)
+    for w in range(walls.shape[0]):
+        start, stop = bearing_span(
+            vertices, walls, w, middle, spread, range_max, angles[0], angles[count - 1], bearings
+        )
+        if math.isnan(start):
+            continue
+        a, b = walls[w, 0], walls[w, 1]
+        ax, ay = vertices[a, 0], vertices[a, 1]
+        ex, ey = vertices[b, 0] - ax, vertices[b, 1] - ay
+        for turns in range(-1, 2):
+            low, high = start + 2.0 * math.pi * turns, stop + 2.0 * math.pi * turns
+            if high < angles[0] or low > angles[count - 1]:
+                continue
+            # one more on either side: rounding must not open a crack where two walls meet
+            i = max(first_beam(angles, low, per_rad) - 1, 0)
+            is_past = False
+            while i < count and not is_past:
+                is_past = angles[i] > high
+                ux, uy = directions[i, 0], directions[i, 1]
+                determinant = ux * ey - uy * ex
+                if determinant > 0.0:  # from the wall's left
+                    ox, oy = ax - origins[i, 0], ay - origins[i, 1]
+                    along_beam, along_wall = ox * ey - oy * ex, ox * uy - oy * ux
+                    shift = shifts[i]
+                    farther = shift * (ux * ex + uy * ey)
+                    least, most = -_TOUCH * determinant, (1.0 + _TOUCH) * determinant
+                    left = (along_beam + farther) / determinant
+                    right = (along_beam - farther) / determinant
+                    if 0.0 < left < lefts[i] and least <= along_wall + shift <= most:
+                        lefts[i] = left
+                    if 0.0 < right < rights[i] and least <= along_wall - shift <= most:
+                        rights[i] = right
+                i += 1
+
+
+@compiled
 def near_visible(
     vertices: FloatArray,
     walls: IntArray,
@@ -172,10 +234,9 @@ def near_visible(
     """Which walls (W,) are seen, or would be after a small motion, given the ranges (N,) seen now.
 
     Not hidden by more than a margin [m] from all beams that it covers, and `beside` more on either
-    side.
+    side. bearings: (V, 2) as `cast_fan` from the same middle leaves them.
     """
     count = angles.shape[0]
-    distances_into(vertices, middle, bearings)
     per_rad = (count - 1) / max(angles[count - 1] - angles[0], 1e-12)
     for w in range(walls.shape[0]):
         is_near[w] = False
@@ -188,9 +249,8 @@ def near_visible(
         a, b = walls[w, 0], walls[w, 1]
         distance = _distance_m(vertices[a], vertices[b], middle)
         for turns in range(-1, 2):
-            low = start + 2.0 * math.pi * turns
-            high = stop + 2.0 * math.pi * turns
-            if high < angles[0] or low > angles[count - 1] or is_near[w]:
+            low, high = start + 2.0 * math.pi * turns, stop + 2.0 * math.pi * turns
+            if high < angles[0] or low > angles[count - 1]:
                 continue
             i = max(first_beam(angles, low, per_rad) - beside, 0)
             past = 0

@@ -12,13 +12,12 @@ from slam.kernels.beam_likelihood import (
     LEAST_JUMP_M,
     LIMIT_SIGMAS,
     MIN_COSINE,
-    OFFSET_CROSS,
-    OFFSET_INFORMATION,
-    OFFSET_PULL,
+    offset_into,
     sigma_at,
 )
 from slam.kernels.mixed_pixels import slope_and_bend
-from slam.kernels.ray_casting import cast_fan
+from slam.kernels.normal_equations import symmetric_into
+from slam.kernels.ray_casting import cast_beside
 
 _MOST_OWN = 0.2
 """Chosen: of what is known of a beam's range, what it may say itself. All shares add up to 3; of
@@ -60,7 +59,8 @@ def keep_smooth(
     is_kept: (N,) result.
     """
     count = angles.shape[0]
-    shifted, ranges, hits = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
+    lefts, rights = np.empty(count), np.empty(count)
+    farther, limits = np.empty(count), np.empty(count)
     shifts, aside, slope = np.zeros(count), np.empty(3), np.empty(3)
     widest = 0.0
     for i in range(count):
@@ -79,23 +79,17 @@ def keep_smooth(
         is_kept[i] = own < _MOST_OWN or not _is_beside_jump(predicted, i)
         if is_kept[i]:
             shifts[i] = sigmas * math.sqrt(variance)
+            farther[i], limits[i] = shifts[i] * tangent, bend * sigma
             widest = max(widest, shifts[i])
-    for side in range(2):
-        sign = 1.0 - 2.0 * side
-        for i in range(count):
-            shifted[i, 0] = origins[i, 0] - sign * shifts[i] * directions[i, 1]
-            shifted[i, 1] = origins[i, 1] + sign * shifts[i] * directions[i, 0]
-        cast_fan(
-            vertices, walls, shifted, directions, angles, middle, spread + widest, reach,
-            np.zeros(count), bearings, ranges, hits,
-        )  # fmt: skip
-        for i in range(count):
-            if not is_kept[i]:
-                continue
-            tangent = _tangent(vertices, walls, hit_walls[i], directions[i, 0], directions[i, 1])
-            expected = predicted[i] + sign * shifts[i] * tangent
-            limit = bend * sigma_at(noise, predicted[i])
-            is_kept[i] = abs(ranges[i] - expected) <= limit
+    cast_beside(
+        vertices, walls, origins, directions, angles, middle, spread + widest, reach, shifts,
+        bearings, lefts, rights,
+    )  # fmt: skip
+    for i in range(count):
+        if is_kept[i]:
+            off_left = lefts[i] - predicted[i] - farther[i]
+            off_right = rights[i] - predicted[i] + farther[i]
+            is_kept[i] = abs(off_left) <= limits[i] and abs(off_right) <= limits[i]
 
 
 @compiled
@@ -166,13 +160,12 @@ def look_smooth(
     beam that may or may not be mixed tells less than its weight, of which information is the sum.
     It may be negative, which that of Gauss-Newton never is. Of sums those of the offset.
     """
-    information[:] = 0.0
-    curved[:] = 0.0
-    pull[:] = 0.0
     sums[:] = 0.0
     c, s = math.cos(heading), math.sin(heading)
     count = measured.shape[0]
-    gradient = np.empty(3)
+    xx = xy = xt = yy = yt = tt = 0.0
+    cxx = cxy = cxt = cyy = cyt = ctt = 0.0
+    px = py = pt = ox = oy = ot = offset_weight = offset_pull = 0.0
     for i in range(count):
         z, wall, h = measured[i], hit_walls[i], predicted[i]
         if not math.isfinite(z) or not is_kept[i] or wall < 0:
@@ -186,22 +179,33 @@ def look_smooth(
         cosine = nx * ux + ny * uy
         if abs(cosine) < MIN_COSINE or abs(z - h) > _MOST_SIGMAS * sigma:
             continue
-        gradient[0], gradient[1] = -nx / cosine, -ny / cosine
-        gradient[2] = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
+        gx, gy = -nx / cosine, -ny / cosine
+        gt = -(ny * (origins[i, 0] + h * ux) - nx * (origins[i, 1] + h * uy)) / cosine
         left = predicted[i + 1] if i + 1 < count else np.inf
         right = predicted[i - 1] if i > 0 else np.inf
         slope, bend, weight = slope_and_bend(z, h, left, right, sigma, shares, outliers[0])
         weight /= sigma * sigma
-        sums[OFFSET_INFORMATION] += weight
-        sums[OFFSET_PULL] += slope
-        for j in range(3):
-            sums[OFFSET_CROSS + j] += weight * gradient[j]
-            pull[j] += slope * gradient[j]
-            for k in range(j + 1):
-                product = gradient[j] * gradient[k]
-                information[j, k] += weight * product
-                curved[j, k] += bend * product
-    for j in range(3):
-        for k in range(j):
-            information[k, j] = information[j, k]
-            curved[k, j] = curved[j, k]
+        offset_weight += weight
+        offset_pull += slope
+        ox += weight * gx
+        oy += weight * gy
+        ot += weight * gt
+        px += slope * gx
+        py += slope * gy
+        pt += slope * gt
+        xx += weight * gx * gx
+        xy += weight * gx * gy
+        xt += weight * gx * gt
+        yy += weight * gy * gy
+        yt += weight * gy * gt
+        tt += weight * gt * gt
+        cxx += bend * gx * gx
+        cxy += bend * gx * gy
+        cxt += bend * gx * gt
+        cyy += bend * gy * gy
+        cyt += bend * gy * gt
+        ctt += bend * gt * gt
+    pull[0], pull[1], pull[2] = px, py, pt
+    offset_into(sums, offset_weight, offset_pull, ox, oy, ot)
+    symmetric_into(xx, xy, xt, yy, yt, tt, information)
+    symmetric_into(cxx, cxy, cxt, cyy, cyt, ctt, curved)

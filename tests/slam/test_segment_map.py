@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
+from slam.kernels.ray_casting import cast_beside
 from slam.measurements import LaserScan
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
@@ -60,6 +61,28 @@ def test_ranges_of_a_swept_scan_are_so_too(seed, spread_m):
     segment_map = SegmentMap(random_walls(rng, 60), is_one_sided=True)
     pose = SE2(*rng.uniform(-3.0, 3.0, 2), rng.uniform(-3.1, 3.1))
     assert_same(segment_map, swept(rng, ANGLES_RAD, spread_m), pose)
+
+
+@pytest.mark.parametrize("spread_m", [0.0, 0.1])
+@pytest.mark.parametrize("widest_m", [1e-3, 0.05, 0.5])
+@pytest.mark.parametrize("seed", range(4))
+def test_beams_shifted_to_either_side_meet_what_two_casts_find(seed, widest_m, spread_m):
+    rng = np.random.default_rng(200 + seed)
+    segment_map = SegmentMap(random_walls(rng, 60), is_one_sided=True)
+    beams = swept(rng, ANGLES_RAD, spread_m)
+    shifts_m = rng.uniform(0.0, widest_m, len(beams))
+    lefts_m, rights_m = np.empty(len(beams)), np.empty(len(beams))
+    cast_beside(
+        segment_map.vertices, segment_map.walls, beams.origins_m, beams.directions,
+        beams.angles_rad, beams.middle_m, beams.spread_m + widest_m, np.inf, shifts_m,
+        np.empty_like(segment_map.vertices), lefts_m, rights_m,
+    )  # fmt: skip
+    aside_m = shifts_m[:, np.newaxis] * beams.directions @ [[0.0, 1.0], [-1.0, 0.0]]
+    for found_m, sign in ((lefts_m, 1.0), (rights_m, -1.0)):
+        there = fan(ANGLES_RAD, beams.origins_m + sign * aside_m)
+        expected_m, _ = segment_map.ranges(there, SE2.identity())
+        assert np.isfinite(expected_m).sum() > 100
+        np.testing.assert_allclose(found_m, expected_m, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("first_rad", [-np.pi, 0.0, 2.9, -7.0])
