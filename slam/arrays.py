@@ -16,9 +16,12 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
     Raises ValueError when the shape is another one.
     """
     array = np.array(values, dtype=np.float64)
-    fits = array.ndim == len(shape) and all(
-        expected is None or expected == found
-        for expected, found in zip(shape, array.shape, strict=True)
+    fits = array.shape == shape or (
+        array.ndim == len(shape)
+        and all(
+            expected is None or expected == found
+            for expected, found in zip(shape, array.shape, strict=True)
+        )
     )
     if not fits:
         expected_text = ", ".join("N" if size is None else str(size) for size in shape)

@@ -206,8 +206,8 @@ def _matched(
     targets = np.zeros(len(beams)) if is_first else np.where(beams.is_hit, beams.ranges_m, 0.0)
     if near_information is not None:
         information[:], blurs = near_information, _NO_BLURS
-    predicted, is_kept = np.full(len(beams), np.inf), np.ones(len(beams), dtype=np.bool_)
-    hit_walls = np.full(len(beams), -1, dtype=np.int64)
+    predicted, is_kept = np.empty(len(beams)), np.ones(len(beams), dtype=np.bool_)
+    hit_walls = np.empty(len(beams), dtype=np.int64)
     scene = (
         segment_map.vertices, segment_map.walls, segment_map.normals, segment_map.sigma_m,
         beams.origins_m, beams.directions, beams.angles_rad, beams.middle_m, beams.spread_m,

@@ -24,6 +24,8 @@ MIN_COSINE = 0.02
 """Chosen: a degree; flatter beams give no return on real walls."""
 _ROOT_TWO_PI = 2.5066282746310002
 _NO_OFFSET = 1e-3
+_FAR_OFF = 10.0
+"""Standard deviations: a Gaussian is e-22 there, and working out how much less takes its time."""
 LEAST_JUMP_M = 0.02
 """A smaller jump than this mixes nothing that noise would not hide."""
 
@@ -39,6 +41,12 @@ def sigma_at(noise: FloatArray, range_m: float) -> float:
             share = (range_m - noise[k - 1, 0]) / (noise[k, 0] - noise[k - 1, 0])
             return float(noise[k - 1, 1] + share * (noise[k, 1] - noise[k - 1, 1]))
     return float(noise[last, 1])
+
+
+@compiled
+def bell(sigmas: float) -> float:
+    """A Gaussian so many standard deviations off, 1 in its middle; nothing beyond ten."""
+    return math.exp(-0.5 * sigmas * sigmas) if abs(sigmas) < _FAR_OFF else 0.0
 
 
 @compiled
@@ -146,8 +154,8 @@ def look(
                 behind += 1.0
             else:
                 short += 1.0
-            if squared > 100.0:
-                continue  # its weight is below e-18
+            if squared > _FAR_OFF * _FAR_OFF:
+                continue
         deviation = math.sqrt(variance)
         density = outliers[0] + outliers[1] * mixing_density(predicted, i, z, 2.0 * deviation)
         bell = math.exp(-0.5 * squared)

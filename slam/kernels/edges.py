@@ -12,7 +12,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
-from slam.kernels.beam_likelihood import sigma_at
+from slam.kernels.beam_likelihood import bell, sigma_at
 from slam.kernels.mixed_pixels import density_beside
 from slam.kernels.normal_equations import covariance_into, inverted
 
@@ -210,8 +210,7 @@ def density(z: float, h: float, noise: FloatArray, limits: FloatArray) -> float:
     sigma = sigma_at(noise, h)
     if not limits[0] + 3.0 * sigma <= h <= limits[1] - 3.0 * sigma:
         return 0.0
-    q = (z - h) / sigma
-    return math.exp(-0.5 * q * q) / sigma
+    return bell((z - h) / sigma) / sigma
 
 
 @compiled

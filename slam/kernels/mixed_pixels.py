@@ -6,7 +6,7 @@ import math
 
 from slam.arrays import BoolArray, FloatArray
 from slam.kernels import compiled
-from slam.kernels.beam_likelihood import sigma_at
+from slam.kernels.beam_likelihood import bell, sigma_at
 
 _JUMP_M = 0.1
 """Chosen, as the simulated lasers have it: nearer ranges are mostly one wall seen flat, on which a
@@ -113,7 +113,7 @@ def slope_and_bend(
         unmixed -= shares[side]
         share = shares[side] * sigma / abs(jump)
         above, below = q - min(jump, 0.0) / sigma, q - max(jump, 0.0) / sigma
-        at_low, at_high = math.exp(-0.5 * above * above), math.exp(-0.5 * below * below)
+        at_low, at_high = bell(above), bell(below)
         mixed += share * _ROOT_TWO_PI * (_step(above) - _step(below))
         first += share * (at_low - at_high)
         second += share * (below * at_high - above * at_low)
