@@ -100,6 +100,10 @@ class Beams:
     @cached_property
     def points(self) -> FloatArray:
         """Where the beams hit, (M, 2) [m], base frame, in their order; hits only."""
+        return self.points_within(_FARTHEST_M)
+
+    def points_within(self, range_m: float) -> FloatArray:
+        """As `points`, of those beams alone whose range is less [m]."""
         points = np.empty((len(self), 2))
-        count = points_into(self.origins_m, self.directions, self.ranges_m, _FARTHEST_M, points)
+        count = points_into(self.origins_m, self.directions, self.ranges_m, range_m, points)
         return points[:count]

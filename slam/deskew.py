@@ -139,8 +139,8 @@ class SweepClock:
 
     def __init__(self) -> None:
         self._last_s: float | None = None
-        self._usual_s = np.inf
-        self._velocity: FloatArray | None = None
+        self._usual_s = math.inf
+        self._velocity: tuple[float, ...] | None = None
         self._is_doubtful = False
         self._jitter_s2, self._intervals = 0.0, 0
         self.is_told = True
@@ -148,22 +148,23 @@ class SweepClock:
 
     def duration_s(self, time_s: float, motion: SE2) -> float:
         """Of the motion up to a stamp [s]; inf while no interval is known."""
-        told_s = np.inf if self._last_s is None else time_s - self._last_s
+        told_s = math.inf if self._last_s is None else time_s - self._last_s
         self._last_s = time_s
         usual_s = self._usual_s
         self.is_told = True
-        if np.isinf(told_s):
-            return np.inf
+        if math.isinf(told_s):
+            return math.inf
         is_usual = abs(told_s - usual_s) < _USUAL * usual_s
         # stamps that repeat do so up to rounding
-        is_bad = told_s <= _NO_TIME_S or self._is_leap(told_s, motion)
+        way: tuple[float, ...] = tuple(motion.log().tolist())
+        is_bad = told_s <= _NO_TIME_S or self._is_leap(told_s, way)
         if is_bad or (self._is_doubtful and not is_usual):
             self._is_doubtful, self.is_told = is_bad, False
             return usual_s
         self._is_doubtful = False
-        self._take_jitter(told_s, motion)
+        self._take_jitter(told_s, way)
         self._usual_s = told_s
-        self._velocity = motion.log() / told_s
+        self._velocity = _per_second(way, told_s)
         return told_s
 
     @property
@@ -171,26 +172,38 @@ class SweepClock:
         """Standard deviation of the intervals told, as far as the wheels went another way [s]."""
         return math.sqrt(self._jitter_s2)
 
-    def _take_jitter(self, told_s: float, motion: SE2) -> None:
+    def _take_jitter(self, told_s: float, way: tuple[float, ...]) -> None:
         """Learns from an interval: it was not that one if the way fits the usual one better."""
-        if self._velocity is None or np.isinf(self._usual_s) or not np.any(motion.log()):
+        if self._velocity is None or math.isinf(self._usual_s) or not any(way):
             return
-        told, usual = (motion.log() / length_s for length_s in (told_s, self._usual_s))
         off_s = 0.0
-        changes = [np.linalg.norm(velocity - self._velocity) for velocity in (usual, told)]
         off_by_s = told_s - self._usual_s
-        if abs(off_by_s) > _LEAST_JITTER_S and changes[0] < _FITS_BETTER * changes[1]:
-            off_s = off_by_s
+        if abs(off_by_s) > _LEAST_JITTER_S:
+            usual, told = self._changes(way, told_s)
+            if usual < _FITS_BETTER * told:
+                off_s = off_by_s
         # between two intervals that differ by chance lies twice the variance of one
         self._intervals += 1
         share = 1.0 / min(self._intervals, _JITTER_MEMORY)
         self._jitter_s2 += share * (off_s**2 / 2.0 - self._jitter_s2)
 
-    def _is_leap(self, told_s: float, motion: SE2) -> bool:
+    def _is_leap(self, told_s: float, way: tuple[float, ...]) -> bool:
         if self._velocity is None or told_s < _LEAP * self._usual_s:
             return False
-        told, usual = (motion.log() / length_s for length_s in (told_s, self._usual_s))
-        return bool(np.linalg.norm(usual - self._velocity) < np.linalg.norm(told - self._velocity))
+        usual, told = self._changes(way, told_s)
+        return usual < told
+
+    def _changes(self, way: tuple[float, ...], told_s: float) -> tuple[float, float]:
+        """By how much the velocity changed, had the way taken the usual time, and that told."""
+        assert self._velocity is not None
+        return (
+            math.dist(_per_second(way, self._usual_s), self._velocity),
+            math.dist(_per_second(way, told_s), self._velocity),
+        )
+
+
+def _per_second(way: tuple[float, ...], duration_s: float) -> tuple[float, ...]:
+    return tuple(part / duration_s for part in way)
 
 
 def deskewed(scan: LaserScan, T_base_laser: SE2, motion: BodyMotion) -> Beams:

@@ -12,6 +12,8 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.kernels.beam_points import count_beyond
+from slam.kernels.normal_equations import inverse_of
 from slam.measurements import LaserScan, Measurement
 from slam.odometry import compose_covariance
 from slam.se2 import SE2
@@ -159,10 +161,11 @@ class FrontEnd:
 
     def _seen(self, beams: Beams) -> FloatArray:
         """(N, 3) the faced points of a scan; none where the laser is blocked."""
-        points = faced(beams.cut(self.config.range_max_m).points, beams.middle_m)
-        off_m = np.hypot(*(points[:, :2] - beams.middle_m).T)
-        is_blocked = np.count_nonzero(off_m > self.config.blocked_m) < self.config.min_points
-        return points[:0] if is_blocked else points
+        config = self.config
+        points = beams.points_within(config.range_max_m)
+        if count_beyond(points, beams.middle_m, config.blocked_m) < config.min_points:
+            points = points[:0]
+        return faced(points, beams.middle_m)
 
     def _way_m(self, measurement: Measurement) -> float:
         """Of the wheels since the last scan; 0 where it is too fast for any: odometry that jumps."""
@@ -173,9 +176,10 @@ class FrontEnd:
     def _beams(self, measurement: Measurement) -> Beams:
         straightener, scan = self._straightener, measurement.scan
         duration_s = straightener.duration_s(measurement.time_s, measurement.motion)
-        straightener.take_motion(
-            measurement.time_s, scan.beam_times_s, measurement.motion, duration_s
-        )
+        if scan.beam_times_s is not None:
+            straightener.take_motion(
+                measurement.time_s, scan.beam_times_s, measurement.motion, duration_s
+            )
         return straightener.beams(scan)
 
     def _placed(
@@ -189,7 +193,7 @@ class FrontEnd:
             return None, StepStatus.CARRIED
         if self._blind_m > config.most_blind_m:
             return None, StepStatus.BROKEN
-        odometry = np.asarray(np.linalg.inv(self._P), dtype=np.float64)
+        odometry = inverse_of(self._P)
         match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
         innovation = (T_predicted.inverse() @ match.T_map_base).log()
         if innovation @ odometry @ innovation > config.trust:

@@ -141,7 +141,7 @@ class LoopCloser:
         self._surfaces.add(submap)
         T_told, reach = SE2.from_array(poses[later]), self._reach(sigma)
         match = self._matched(keyframes[later], T_told, reach)
-        self._surfaces.remove(submap)
+        self._surfaces.clear()
         config = self.config
         # a match may slide on from where it was looked for: to the next window of a row, say
         if (

@@ -266,14 +266,15 @@ class Mapper:
             self._since_loop_m += _TORN_M
         if index == self._first:
             self._since_loop_m = 0.0
-        if not self._is_joined:
+        if not (is_joined := self._is_joined):
             self._look_for_join()
         if index % config.loops.every == 0:
             found = self._closer.found(
                 self._keyframes, self._graph.poses, [index], self._drift(), self._comparable
             )
-            known = {loop.earlier for loop in self._loops if loop.later == index}
-            found = [loop for loop in found if loop.earlier not in known]
+            if not is_joined:  # what joined the sessions may be among them
+                known = {loop.earlier for loop in self._loops if loop.later == index}
+                found = [loop for loop in found if loop.earlier not in known]
             if found:
                 self._take(found)
                 self._since_loop_m, self._has_new = 0.0, True

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray, frozen_array
+from slam.kernels.beam_points import are_equal
 from slam.odometry import DifferentialDrive, OdometryNoise
 from slam.se2 import SE2
 
@@ -85,8 +86,8 @@ class LaserScan:
 
     def repeats(self, before: LaserScan) -> bool:
         """True where a laser that froze gives the last scan once more, bit for bit."""
-        now, then = self.ranges_m, before.ranges_m
-        return bool(np.isfinite(now).any() and np.array_equal(now, then, equal_nan=True))
+        is_same = are_equal(self.ranges_m, before.ranges_m)
+        return bool(is_same and np.isfinite(self.ranges_m).any())
 
     def cut(self, range_max_m: float) -> LaserScan:
         """The same scan, in which what lies farther than range_max_m is no return."""

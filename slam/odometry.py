@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray
+from slam.kernels.normal_equations import carried
 from slam.se2 import SE2
 
 
@@ -98,8 +99,8 @@ def compose_covariance(
 
     First order: (A exp(a)) (B exp(b)) = A B exp(Ad(B^-1) a) exp(b), a and b independent.
     """
-    carry = motion_second.inverse().adjoint()
-    return np.asarray(carry @ covariance_first @ carry.T + covariance_second)
+    x, y, theta = motion_second.x, motion_second.y, motion_second.theta
+    return np.asarray(carried(covariance_first, x, y, theta) + covariance_second)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from slam.arrays import BoolArray, FloatArray
 from slam.kernels import surface_map as kernels
-from slam.kernels.facings import facings_into
+from slam.kernels import surface_matching as matching
+from slam.kernels.facings import facings_into, moved_into
+from slam.kernels.normal_equations import inverse_of
 from slam.se2 import SE2
 
 _FIRST_ENTRIES = 1024
@@ -35,7 +37,7 @@ def faced(points: FloatArray, seen_from: FloatArray) -> FloatArray:
 def moved(T: SE2, points: FloatArray) -> FloatArray:
     """(N, 3) faced points in another frame."""
     out = np.empty(points.shape)
-    out[:, :2], out[:, 2] = T @ points[:, :2], points[:, 2] + T.theta
+    moved_into(points, T.x, T.y, T.theta, out)
     return out
 
 
@@ -81,7 +83,7 @@ class SurfaceMatch:
     @property
     def covariance(self) -> FloatArray:
         """(3, 3) of the pose."""
-        return np.asarray(np.linalg.inv(self.joined))
+        return inverse_of(self.joined)
 
 
 class SurfaceMap:
@@ -97,6 +99,7 @@ class SurfaceMap:
         count = _FIRST_ENTRIES
         self._cells: NDArray[np.int32] = np.zeros((count, 2), np.int32)
         self._uses: NDArray[np.int32] = np.zeros(count, np.int32)
+        self._levels: NDArray[np.int8] = np.zeros(count, np.int8)
         self._sums: NDArray[np.float32] = np.zeros((count, kernels.SIDES, 6), np.float32)
         self._is_due: BoolArray = np.zeros((count, kernels.SIDES), np.bool_)
         self._surfels: FloatArray = np.zeros((count, kernels.SIDES, 5))
@@ -108,8 +111,8 @@ class SurfaceMap:
     @property
     def memory_bytes(self) -> int:
         """What the cells take."""
-        arrays = (self._index, self._cells, self._uses, self._sums, self._is_due, self._surfels)
-        return sum(array.nbytes for array in (*arrays, self._free))
+        arrays = (self._index, self._cells, self._uses, self._levels, self._sums, self._is_due)
+        return sum(array.nbytes for array in (*arrays, self._surfels, self._free))
 
     def add(self, points_map: FloatArray) -> None:
         """Takes up faced points (N, 3), map frame."""
@@ -118,6 +121,10 @@ class SurfaceMap:
     def remove(self, points_map: FloatArray) -> None:
         """Takes out faced points (N, 3) that were added before."""
         self._put(points_map, -1)
+
+    def clear(self) -> None:
+        """Takes out all points."""
+        kernels.clear(self._index, self._cells, self._uses, self._levels, self._free)
 
     def match(
         self,
@@ -138,19 +145,19 @@ class SurfaceMap:
         pose, information, stats = T_start.as_array(), np.zeros((3, 3)), np.zeros(5)
         # such that a direction which nothing holds stays where it is
         held = odometry + 1e-6 * np.eye(3)
-        kernels.align(
+        matching.align(
             self._index, self._cells, self._sums, self._is_due, self._surfels, self._cells_m, points,
             config.sigma_m**2, config.pull if pull is None else pull, *self._stages,
             T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
             stats,
         )  # fmt: skip
-        seen, count = stats[kernels.SEEN], max(len(points), 1)
+        seen, count = stats[matching.SEEN], max(len(points), 1)
         information *= config.share
         return SurfaceMatch(
             SE2.from_array(pose), information,
-            information + stats[kernels.ODOMETRY_WEIGHT] * held,
-            seen / count, stats[kernels.FITTING] / max(seen, 1.0),
-            (stats[kernels.COST] + len(points) - seen) / count,
+            information + stats[matching.ODOMETRY_WEIGHT] * held,
+            seen / count, stats[matching.FITTING] / max(seen, 1.0),
+            (stats[matching.COST] + len(points) - seen) / count,
         )  # fmt: skip
 
     def searched(
@@ -175,7 +182,7 @@ class SurfaceMap:
             -math.ceil(reach_rad / np.radians(2.0)), math.ceil(reach_rad / np.radians(2.0)) + 1
         )
         counts = np.zeros((len(turns), len(x), len(y)), np.int32)
-        kernels.count_on_walls(
+        matching.count_on_walls(
             self._index, self._cells, self._sums, level, cell_m, points, x, y,
             T_middle.theta + turns, counts,
         )  # fmt: skip
@@ -199,8 +206,8 @@ class SurfaceMap:
             done = 0
             while True:
                 done = kernels.put(
-                    self._index[level], self._cells, self._uses, self._free, self._sums,
-                    self._is_due, points, done, sign, cell_m,
+                    self._index[level], self._cells, self._uses, self._levels, self._free,
+                    self._sums, self._is_due, points, done, sign, level, cell_m,
                 )  # fmt: skip
                 if done == len(points):
                     break
@@ -211,7 +218,7 @@ class SurfaceMap:
         count, free = len(self._cells), int(self._free[-1])
         self._cells, self._uses = _doubled(self._cells), _doubled(self._uses)
         self._sums, self._is_due = _doubled(self._sums), _doubled(self._is_due)
-        self._surfels = _doubled(self._surfels)
+        self._levels, self._surfels = _doubled(self._levels), _doubled(self._surfels)
         added = np.arange(2 * count - 1, count - 1, -1)
         left, rest = self._free[:free], np.zeros(count - free)
         self._free = np.concatenate([added, left, rest, [count + free]]).astype(np.int32)

@@ -44,3 +44,23 @@ def are_all_first(points: FloatArray) -> bool:
         if points[i, 0] != points[0, 0] or points[i, 1] != points[0, 1]:
             return False
     return True
+
+
+@compiled
+def count_beyond(points: FloatArray, middle: FloatArray, distance: float) -> int:
+    """How many points (N, 2) are farther than a distance from a middle (2,)."""
+    count = 0
+    for i in range(points.shape[0]):
+        count += math.hypot(points[i, 0] - middle[0], points[i, 1] - middle[1]) > distance
+    return count
+
+
+@compiled
+def are_equal(first: FloatArray, second: FloatArray) -> bool:
+    """Whether two arrays (N,) are the same number by number, nan the same as nan."""
+    if first.shape[0] != second.shape[0]:
+        return False
+    for i in range(first.shape[0]):
+        if first[i] != second[i] and not (math.isnan(first[i]) and math.isnan(second[i])):
+            return False
+    return True

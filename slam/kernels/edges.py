@@ -14,7 +14,7 @@ from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels import compiled
 from slam.kernels.beam_likelihood import bell, sigma_at
 from slam.kernels.mixed_pixels import density_beside
-from slam.kernels.normal_equations import covariance_into, inverted
+from slam.kernels.normal_equations import covariance_into, inverted, lower_root_into
 
 _ABSENT = 0.05
 """Chosen: one thing in twenty on the map has been moved since; then the beam sees what is behind."""
@@ -22,6 +22,7 @@ _ABSENT_THOUGH_MET = 0.02
 """Chosen: where a beam beside it ends on it. It may have been moved by less than noise shows."""
 _BESIDE, _SAME_THING_M = 4, 0.15
 _MIN_PRECISION = 1e-3
+_LEAST_VARIANCE = 1e-30
 _LEAST_SHARE = 0.3
 """Chosen: of the information of edges, however they disagree."""
 _ROOT_TWO_PI = 2.5066282746310002
@@ -274,9 +275,9 @@ def moments_about(
     half as the Gaussian found (3, 3) says, twice as wide; weights by the mixture of both.
     smooth_information: (3, 3) about zero. axes, shifts, likelihoods: of `propagate`.
     """
-    wide, narrow = np.zeros((3, 3)), np.zeros((3, 3))
-    log_wide = lower_root_into(inverted(smooth_information), 1.0, wide)
-    log_narrow = lower_root_into(inverted(information), _SPREAD, narrow)
+    wide, narrow = np.empty((3, 3)), np.empty((3, 3))
+    log_wide = _scaled_root_into(inverted(smooth_information), 1.0, wide)
+    log_narrow = _scaled_root_into(inverted(information), _SPREAD, narrow)
     logs, half = np.log(likelihoods), points.shape[0] // 2
     last = shifts.shape[1] - 1
     x, off, weights = np.empty((points.shape[0], 3)), np.empty(3), np.empty(points.shape[0])
@@ -316,15 +317,10 @@ def moments_about(
 
 
 @compiled
-def lower_root_into(covariance: FloatArray, scale: float, root: FloatArray) -> float:
+def _scaled_root_into(covariance: FloatArray, scale: float, root: FloatArray) -> float:
     """Cholesky's lower root (3, 3) of a covariance, times a scale; the log of its determinant."""
+    lower_root_into(covariance, _LEAST_VARIANCE, root)
     total = 0.0
-    for j in range(3):
-        for k in range(j + 1):
-            left = covariance[j, k]
-            for m in range(k):
-                left -= root[j, m] * root[k, m]
-            root[j, k] = math.sqrt(max(left, 1e-30)) if j == k else left / root[k, k]
     for j in range(3):
         for k in range(j + 1):
             root[j, k] *= scale

@@ -57,3 +57,13 @@ def facings_into(
         else:
             nx, ny = to_x, to_y
         faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.atan2(ny, nx)
+
+
+@compiled
+def moved_into(points: FloatArray, x: float, y: float, theta: float, out: FloatArray) -> None:
+    """Into out (N, 3): faced points (N, 3) in a frame in which theirs is at x, y, theta."""
+    c, s = math.cos(theta), math.sin(theta)
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
+        out[i, 0], out[i, 1] = x + c * px - s * py, y + s * px + c * py
+        out[i, 2] = points[i, 2] + theta

@@ -13,6 +13,9 @@ _DAMPING = 1e-4
 """Chosen: along a direction of which the scan knows less than a hundredth of what it knows across
 (in standard deviations), a step is no correction but noise made large."""
 
+LEAST_PIVOT = 1e-300
+"""Of a matrix that is all but singular: about the smallest number."""
+
 
 @compiled
 def symmetric_into(
@@ -105,3 +108,70 @@ def inverted(information: FloatArray) -> FloatArray:
     covariance = np.empty((3, 3))
     covariance_into(information + np.eye(3), covariance)
     return covariance
+
+
+@compiled
+def lower_root_into(matrix: FloatArray, least: float, root: FloatArray) -> bool:
+    """Cholesky's lower root (3, 3) of a symmetric matrix, whose pivots are taken to be `least` at
+    least; False where one of them was less."""
+    is_definite = True
+    root[:] = 0.0
+    for j in range(3):
+        for k in range(j + 1):
+            left = matrix[j, k]
+            for m in range(k):
+                left -= root[j, m] * root[k, m]
+            if k < j:
+                root[j, k] = left / root[k, k]
+            else:
+                is_definite = is_definite and left > least
+                root[j, j] = math.sqrt(max(left, least))
+    return is_definite
+
+
+@compiled
+def solve_by_root(root: FloatArray, vector: FloatArray, out: FloatArray) -> None:
+    """The solution (3,) of (root @ root.T) @ out = vector, of a lower root (3, 3); may be in place."""
+    for j in range(3):
+        left = vector[j]
+        for k in range(j):
+            left -= root[j, k] * out[k]
+        out[j] = left / root[j, j]
+    for j in range(2, -1, -1):
+        left = out[j]
+        for k in range(j + 1, 3):
+            left -= root[k, j] * out[k]
+        out[j] = left / root[j, j]
+
+
+@compiled
+def inverse_of(matrix: FloatArray) -> FloatArray:
+    """(3, 3) inverse of a symmetric, positive definite matrix, such as a covariance.
+
+    Pivots below `LEAST_PIVOT` count as that.
+    """
+    root, inverse, unit = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    lower_root_into(matrix, LEAST_PIVOT, root)
+    for j in range(3):
+        unit[:] = 0.0
+        unit[j] = 1.0
+        solve_by_root(root, unit, inverse[j])
+    return inverse
+
+
+@compiled
+def carried(covariance: FloatArray, x: float, y: float, theta: float) -> FloatArray:
+    """(3, 3) covariance of a pose in its frame, seen from where a motion (x, y, theta) then leads."""
+    c, s = math.cos(theta), math.sin(theta)
+    # the adjoint of the motion back
+    carry = np.array([[c, s, s * x - c * y], [-s, c, c * x + s * y], [0.0, 0.0, 1.0]])
+    half, out = np.zeros((3, 3)), np.zeros((3, 3))
+    for j in range(3):
+        for k in range(3):
+            for m in range(3):
+                half[j, k] += carry[j, m] * covariance[m, k]
+    for j in range(3):
+        for k in range(3):
+            for m in range(3):
+                out[j, k] += half[j, m] * carry[k, m]
+    return out

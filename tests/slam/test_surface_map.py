@@ -62,6 +62,44 @@ def test_what_was_added_can_be_taken_out():
     assert match_of(surfaces, points).seen_ratio == 0.0
 
 
+def test_points_make_the_same_surfaces_one_by_one_as_together():
+    corner = np.concatenate([wall(2.0), wall(2.0)[:, ::-1]])
+    points = seen(corner + 0.01 * np.random.default_rng(3).normal(size=corner.shape), (0.0, 0.0))
+    points[::17, 2] = math.nan
+    together, one_by_one = SurfaceMap(), SurfaceMap()
+    together.add(points)
+    for k in range(len(points)):
+        one_by_one.add(points[k : k + 1])
+    first, second = match_of(together, points), match_of(one_by_one, points)
+    assert first.inlier_ratio > 0.9
+    np.testing.assert_array_equal(first.information, second.information)
+    # and what is taken out together leaves what was put in apart
+    for surfaces in (together, one_by_one):
+        surfaces.remove(points[:150])
+    first, second = match_of(together, points), match_of(one_by_one, points)
+    assert 0.2 < first.seen_ratio < 0.8
+    np.testing.assert_array_equal(first.information, second.information)
+
+
+def test_a_cleared_map_is_as_a_new_one():
+    surfaces, new = SurfaceMap(), SurfaceMap()
+    for k in range(5):
+        # more than there was memory for, and some of it on the same places of the torus
+        clouds = [
+            moved(SE2(8.0 * k * j, 0.0, 0.3 * j), seen(wall(2.0), (0.0, 2.0))) for j in range(19)
+        ]
+        surfaces.add(np.concatenate(clouds))
+        surfaces.clear()
+        assert match_of(surfaces, clouds[0]).seen_ratio == 0.0
+        assert surfaces.searched(clouds[0], SE2.identity(), 0.6, 0.2) == []
+    grown = surfaces.memory_bytes
+    points = seen(wall(1.5), (0.0, 2.0))
+    surfaces.add(points)
+    new.add(points)
+    assert surfaces.memory_bytes == grown
+    np.testing.assert_array_equal(match_of(surfaces, points).joined, match_of(new, points).joined)
+
+
 def test_faced_points_turn_with_their_frame():
     turned = moved(SE2(1.0, 0.0, math.pi / 2), np.array([[1.0, 0.0, 0.25]]))
     assert turned == pytest.approx(np.array([[1.0, 1.0, 0.25 + math.pi / 2]]))

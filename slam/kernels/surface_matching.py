@@ -1,0 +1,211 @@
+"""A scan matched with the surfaces of a map: see `slam.kernels.surface_map`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.arrays import BoolArray, FloatArray
+from slam.kernels import compiled
+from slam.kernels.normal_equations import (
+    LEAST_PIVOT,
+    lower_root_into,
+    solve_by_root,
+    symmetric_into,
+)
+from slam.kernels.surface_map import (
+    COUNT,
+    NORMAL_X,
+    NORMAL_Y,
+    OFFSET,
+    SIDES,
+    VARIANCE,
+    entry_of,
+    make_surfel,
+    sides_of,
+)
+
+_KERNEL = 6.0
+"""Of a point's variance: so far off it counts a quarter."""
+_FITS = 9.0
+"""Squared residual, in variances, of a point that fits: three sigmas."""
+
+# what `stats` holds of a match
+SEEN, FITTING, COST, STEPS, ODOMETRY_WEIGHT = 0, 1, 2, 3, 4
+
+
+@compiled
+def align(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    sums: NDArray[np.float32],
+    is_due: BoolArray,
+    surfels: FloatArray,
+    cells_m: FloatArray,
+    points: FloatArray,
+    variance: float,
+    share_counted: float,
+    finest: NDArray[np.int64],
+    scales_m: FloatArray,
+    predicted: FloatArray,
+    odometry: FloatArray,
+    trust: float,
+    max_steps: int,
+    pose: FloatArray,
+    information: FloatArray,
+    stats: FloatArray,
+) -> None:
+    """Gauss-Newton of points (N, 3), base frame, on the surfaces, with the odometry beside them.
+
+    index: (L, SIDE, SIDE) of cells of cells_m (L,), coarse to fine; the others as in `put`.
+    variance: of a point across its surface [m2]; share_counted: of what points tell. finest: (S,)
+    the finest level that stage looks at; a point takes the finest that has a surface. scales_m:
+    (S,) residual, beside the noise, at which a point counts a quarter (Geman and McClure, 1987).
+    predicted: (3,), odometry: (3, 3) information
+    of the pose there; trust: its normalised innovation squared at which it counts a quarter.
+    pose: (3,) start and result. information: (3, 3) of the scan alone. stats: (5,) results.
+    """
+    both, root, step = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    steps = 0
+    for stage in range(scales_m.shape[0]):
+        scale = scales_m[stage] ** 2
+        for _ in range(max_steps):
+            c, s = math.cos(pose[2]), math.sin(pose[2])
+            xx = xy = xt = yy = yt = tt = pull_x = pull_y = pull_t = 0.0
+            seen = fitting = cost = 0.0
+            for i in range(points.shape[0]):
+                if math.isnan(points[i, 2]):
+                    continue
+                px, py = points[i, 0], points[i, 1]
+                x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+                level = finest[stage]
+                near, far = sides_of(points[i, 2] + pose[2])
+                entry = side = -1
+                while level >= 0:
+                    cell_m = cells_m[level]
+                    column, row = math.floor(x / cell_m), math.floor(y / cell_m)
+                    entry = entry_of(index, cells, level, column, row)
+                    if entry >= 0:
+                        side = near
+                        # of one call each, in a loop: several would not be inlined
+                        for _ in range(2):
+                            if is_due[entry, side]:
+                                make_surfel(
+                                    index, cells, sums, level, column, row, side, cell_m,
+                                    surfels[entry, side],
+                                )  # fmt: skip
+                                is_due[entry, side] = False
+                            if surfels[entry, side, COUNT] > 0.0 or side == far:
+                                break
+                            side = far
+                        if surfels[entry, side, COUNT] > 0.0:
+                            break
+                    level -= 1
+                if level < 0:
+                    continue
+                surfel = surfels[entry, side]
+                seen += 1.0
+                residual = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y - surfel[OFFSET]
+                wide = variance + surfel[VARIANCE]
+                limit = scale + _KERNEL * wide
+                share = limit / (limit + residual * residual)
+                weight = share * share / wide
+                fitting += residual * residual < _FITS * (wide + variance)
+                cost += 1.0 - share
+                nx = c * surfel[NORMAL_X] + s * surfel[NORMAL_Y]
+                ny = c * surfel[NORMAL_Y] - s * surfel[NORMAL_X]
+                nt = px * ny - py * nx
+                xx += weight * nx * nx
+                xy += weight * nx * ny
+                xt += weight * nx * nt
+                yy += weight * ny * ny
+                yt += weight * ny * nt
+                tt += weight * nt * nt
+                pull_x -= weight * nx * residual
+                pull_y -= weight * ny * residual
+                pull_t -= weight * nt * residual
+            symmetric_into(xx, xy, xt, yy, yt, tt, information)
+            east, north = predicted[0] - pose[0], predicted[1] - pose[1]
+            ahead, aside = c * east + s * north, c * north - s * east
+            turn = predicted[2] - pose[2]
+            turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+            # what the odometry pulls with; written out, as calls for so small matrices take longer
+            for j in range(3):
+                step[j] = odometry[j, 0] * ahead + odometry[j, 1] * aside + odometry[j, 2] * turn
+            squared = ahead * step[0] + aside * step[1] + turn * step[2]
+            # wheels slip, and odometry that stood still catches up at once
+            trusted = trust / (trust + squared)
+            trusted *= trusted
+            for j in range(3):
+                for k in range(3):
+                    both[j, k] = share_counted * information[j, k] + trusted * odometry[j, k]
+            step[0] = share_counted * pull_x + trusted * step[0]
+            step[1] = share_counted * pull_y + trusted * step[1]
+            step[2] = share_counted * pull_t + trusted * step[2]
+            lower_root_into(both, LEAST_PIVOT, root)
+            solve_by_root(root, step, step)
+            pose[0] += c * step[0] - s * step[1]
+            pose[1] += s * step[0] + c * step[1]
+            pose[2] += step[2]
+            steps += 1
+            if abs(step[0]) + abs(step[1]) < 1e-3 and abs(step[2]) < 5e-4:
+                break
+    stats[SEEN], stats[FITTING], stats[COST] = seen, fitting, cost
+    stats[STEPS], stats[ODOMETRY_WEIGHT] = steps, trusted
+
+
+@compiled
+def count_on_walls(
+    index: NDArray[np.int32],
+    cells: NDArray[np.int32],
+    sums: NDArray[np.float32],
+    level: int,
+    cell_m: float,
+    points: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    headings: FloatArray,
+    counts: NDArray[np.int32],
+) -> None:
+    """Into counts (H, X, Y): how many points (N, 3), base frame, fall into cells that have some.
+
+    x: (X,), y: (Y,) [m], headings: (H,) [rad] of the poses looked at.
+    """
+    reach_m = 0.0
+    for i in range(points.shape[0]):
+        reach_m = max(reach_m, math.hypot(points[i, 0], points[i, 1]))
+    first_column = math.floor((x[0] - reach_m) / cell_m) - 1
+    first_row = math.floor((y[0] - reach_m) / cell_m) - 1
+    columns = math.floor((x[-1] + reach_m) / cell_m) + 2 - first_column
+    rows = math.floor((y[-1] + reach_m) / cell_m) + 2 - first_row
+    # a bit for each side that has points: looked up many times
+    held = np.zeros((columns, rows), np.uint8)
+    for a in range(columns):
+        for b in range(rows):
+            entry = entry_of(index, cells, level, first_column + a, first_row + b)
+            if entry >= 0:
+                for side in range(SIDES):
+                    if sums[entry, side, 0] > 0.5:
+                        held[a, b] |= np.uint8(1 << side)
+    turned, asked = np.empty((points.shape[0], 2)), np.empty(points.shape[0], np.uint8)
+    for k in range(headings.shape[0]):
+        c, s = math.cos(headings[k]), math.sin(headings[k])
+        told = 0
+        for i in range(points.shape[0]):
+            if math.isnan(points[i, 2]):
+                continue
+            px, py = points[i, 0], points[i, 1]
+            turned[told, 0], turned[told, 1] = c * px - s * py, s * px + c * py
+            near, far = sides_of(points[i, 2] + headings[k])
+            asked[told] = np.uint8((1 << near) | (1 << far))
+            told += 1
+        for u in range(x.shape[0]):
+            for v in range(y.shape[0]):
+                count = 0
+                for i in range(told):
+                    column = math.floor((x[u] + turned[i, 0]) / cell_m) - first_column
+                    row = math.floor((y[v] + turned[i, 1]) / cell_m) - first_row
+                    count += (held[column, row] & asked[i]) != 0
+                counts[k, u, v] = count
