@@ -4,15 +4,17 @@
 """
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from kitasap_sim.robot import KITASAP2, RobotSpec
 
 
-def ticks(wheel_angles_rad: np.ndarray, ticks_per_turn: int) -> np.ndarray:
+def ticks(wheel_angles_rad: Iterable[float], ticks_per_turn: int) -> np.ndarray:
     """(2,) whole counts of the encoders at wheel angles (2,) [rad]: an edge counts once passed."""
-    return np.floor(wheel_angles_rad * (ticks_per_turn / (2 * math.pi))).astype(np.int64)
+    per_rad = ticks_per_turn / (2 * math.pi)
+    return np.array([math.floor(angle * per_rad) for angle in wheel_angles_rad])
 
 
 class DeadReckoning:

@@ -89,7 +89,7 @@ class Simulation:
         self._base = self.model.body(names.BASE).id
         self._qpos = self.model.joint(names.BASE).qposadr[0]
         self._qvel = self.model.joint(names.BASE).dofadr[0]
-        self._wheel_qpos = [self.model.joint(name).qposadr[0] for name in names.WHEELS]
+        self._wheel_qpos = np.array([self.model.joint(name).qposadr[0] for name in names.WHEELS])
         self._actuators = [self.model.actuator(name).id for name in names.WHEELS]
         self._find_beams()
         self._people: People | None = None
@@ -171,7 +171,8 @@ class Simulation:
 
     def wheel_ticks(self) -> np.ndarray:
         """(2,) what the left and the right encoder read now."""
-        return encoders.ticks(self.data.qpos[self._wheel_qpos], KITASAP2.ticks_per_turn)
+        angles_rad = self.data.qpos[self._wheel_qpos].tolist()
+        return encoders.ticks(angles_rad, KITASAP2.ticks_per_turn)
 
     def truth(self) -> Truth:
         """The exact state now; for metrics and pictures only."""
@@ -204,8 +205,9 @@ class Simulation:
 
     def fan_ranges_m(self) -> np.ndarray:
         """(N,) the latest exact range of each beam of the fan; +inf no hit [m]."""
-        ranges_m = self.data.sensordata[self._beam_data]
-        return np.where(ranges_m < 0, np.inf, ranges_m)
+        ranges_m: np.ndarray = self.data.sensordata[self._beam_data].copy()
+        ranges_m[ranges_m < 0] = np.inf
+        return ranges_m
 
     def scatter_people(self) -> None:
         """Everybody goes elsewhere at once, clear of the robot: where it is set down, nobody stays.
@@ -227,7 +229,10 @@ class Simulation:
         beams = [names.PREFIX + names.beam(i) for i in range(count)]
         self._beam_sites = np.array([self.model.site(name).id for name in beams], dtype=int)
         sensors = np.array([self.model.sensor(name).id for name in beams], dtype=int)
-        self._beam_data = self.model.sensor_adr[sensors]
+        # one number each, side by side, since they were made one after the other
+        first = int(self.model.sensor_adr[sensors[0]]) if count else 0
+        self._beam_data = slice(first, first + count)
+        assert np.array_equal(self.model.sensor_adr[sensors], np.arange(first, first + count))
         # a sensor's history with one sample is [user, cursor, time, value]
         self._beam_clock = self.model.sensor_historyadr[sensors] + 2
 

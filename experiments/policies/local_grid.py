@@ -90,7 +90,7 @@ class LocalGrid:
 
     def _placed(self, odometry: np.ndarray, ends_m: np.ndarray) -> np.ndarray:
         """(3,) pose: the odometry's motion since the last one, held to what beams met."""
-        predicted = _composed(self.pose, seen_from(self._odometry, odometry))
+        predicted = _composed(self.pose, np.array(seen_from(self._odometry, odometry)))
         self._odometry = odometry
         near_m = ends_m[np.hypot(*ends_m.T) < _MATCHED_M]
         if len(near_m) < _LEAST_BEAMS:

@@ -272,7 +272,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         np.maximum(ranges_m, 0.0, out=ranges_m)
         return {
             "scan": ranges_m,
-            "odometry": seen_from(self._start, self._last_odometry).astype(np.float32),
+            "odometry": np.array(seen_from(self._start, self._last_odometry), dtype=np.float32),
             "velocity": np.array(self._velocity, dtype=np.float32),
             "last_action": self._action.copy(),
             **self._observed(),
@@ -316,11 +316,11 @@ def scan_range_m(laser: LaserSpec) -> float:
     return min(laser.range_max_m, SCAN_M)
 
 
-def seen_from(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """(3,) a pose (x, y, heading) of the world in a frame (3,) of the world."""
+def seen_from(frame: np.ndarray, pose: np.ndarray) -> tuple[float, float, float]:
+    """A pose (x, y, heading), (3,), of the world in a frame (3,) of the world."""
     (x0, y0, theta0), (x, y, theta) = frame.tolist(), pose.tolist()
     c, s, dx, dy = math.cos(theta0), math.sin(theta0), x - x0, y - y0
-    return np.array([c * dx + s * dy, c * dy - s * dx, math.remainder(theta - theta0, math.tau)])
+    return c * dx + s * dy, c * dy - s * dx, math.remainder(theta - theta0, math.tau)
 
 
 def _wrapped(pose: np.ndarray) -> np.ndarray:

@@ -70,10 +70,12 @@ class ExploreEnv(KitasapEnv):
     def _started(self) -> None:
         is_open, origin_m = self.place.open_cells(_CELL_M)
         is_open = _in_view(is_open, (self.place.free_centres_m - origin_m) / _CELL_M, self._range_m)
-        # a border: beams that leave the place end there
-        is_open = np.pad(is_open, 1)
-        self._shape = is_open.shape
-        self._origin = complex(*(origin_m - _CELL_M).tolist())
+        # a border, as wide as beams reach: those that leave the place count nothing there
+        border = math.ceil(self._range_m / _CELL_M) + 2
+        self._place = border - 1, np.array(is_open.shape) + border
+        is_open = np.pad(is_open, border)
+        self._rows = is_open.shape[1]
+        self._origin = complex(*(origin_m - border * _CELL_M).tolist())
         self._is_left = is_open.ravel().copy()
         self._to_see = max(int(np.count_nonzero(is_open)), 1)
         self._count = 0
@@ -95,14 +97,16 @@ class ExploreEnv(KitasapEnv):
         x, y, theta = self._pose.tolist()
         turn = complex(math.cos(theta), math.sin(theta))
         at = ((x + 1j * y) + turn * self._mount_m - self._origin) / _CELL_M
+        least, most = self._place
+        if not (least <= at.real < most[0] and least <= at.imag < most[1]):
+            return  # out of the place altogether
         cells = (
             np.complex64(at)
             + np.complex64(turn) * self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
         )
-        columns, rows = self._shape
-        i = np.minimum(np.maximum(cells.real, 0.0), columns - 1).astype(np.int64)
-        j = np.minimum(np.maximum(cells.imag, 0.0), rows - 1).astype(np.int64)
-        passed = i * rows + j
+        # none below 0: column, row, column, row
+        cells = cells.view(np.float32).astype(np.int32)
+        passed = cells[::2] * self._rows + cells[1::2]
         passed = passed[self._is_left[passed]]
         if passed.size:
             self._is_left[passed] = False

@@ -118,13 +118,13 @@ class GoToEnv(KitasapEnv):
     def _to_go(self) -> float:
         """What is left to do: metres, and near the goal radians."""
         self._way_m = self._distance.at(self._pose[0], self._pose[1])
-        x, y, turn_rad = seen_from(self._goal, self._pose).tolist()
+        x, y, turn_rad = seen_from(self._goal, self._pose)
         self._straight_m, self._off_rad = math.hypot(x, y), abs(turn_rad)
         nearness = max(0.0, 1.0 - self._straight_m / _FACING_M)
         return self._way_m - _FACING_WORTH * nearness * (math.pi - self._off_rad)
 
     def _observed(self) -> Observation:
-        x, y, theta = seen_from(self._last_odometry, self._goal).tolist()
+        x, y, theta = seen_from(self._last_odometry, self._goal)
         x, y = (max(-_FARTHEST_M, min(_FARTHEST_M, value)) for value in (x, y))
         return {"goal": np.array([x, y, math.cos(theta), math.sin(theta)], dtype=np.float32)}
 

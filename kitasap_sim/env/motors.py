@@ -29,6 +29,8 @@ class Motors:
 
     def __init__(self, simulation: Simulation, control: str, lag_steps: int) -> None:
         self._simulation, self._control, self._lag_steps = simulation, control, lag_steps
+        self._timestep_s = simulation.timestep_s
+        self._count = round(CONTROL_S / self._timestep_s)
         self._command = (0.0, 0.0)
         self._waiting: deque[tuple[int, np.ndarray]] = deque()
         self._steps = 0
@@ -36,13 +38,13 @@ class Motors:
     @property
     def time_s(self) -> float:
         """For so long they have driven."""
-        return self._steps * self._simulation.timestep_s
+        return self._steps * self._timestep_s
 
     def drive(self, action: np.ndarray) -> None:
         """One control period under an action (2,) within its bounds."""
         sim = self._simulation
         v, w = self._command = self._followed(*self._asked(action))
-        count = round(CONTROL_S / sim.timestep_s)
+        count = self._count
         if self._lag_steps == 0:
             sim.drive(v, w)
             sim.advance(count)

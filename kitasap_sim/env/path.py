@@ -1,6 +1,7 @@
 """A path to be followed: where along it one is, and what comes next."""
 
 import math
+from bisect import bisect_right
 
 import numpy as np
 
@@ -56,9 +57,6 @@ class Path:
 
     def _leg(self, along_m: float) -> tuple[int, float]:
         """The leg on which a length lies, and the share of it that is behind."""
-        last = len(self._at_m) - 2
-        leg = 0
-        while leg < last and along_m >= self._at_m[leg + 1]:
-            leg += 1
+        leg = bisect_right(self._at_m, along_m, 1, len(self._at_m) - 1) - 1
         start_m, end_m = self._at_m[leg], self._at_m[leg + 1]
         return leg, min(max((along_m - start_m) / (end_m - start_m), 0.0), 1.0)

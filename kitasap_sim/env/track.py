@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 
-from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv, Observation, box, seen_from
+from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv, Observation, box
 from kitasap_sim.env.path import Path
 from kitasap_sim.places import Place
 
@@ -145,9 +145,13 @@ class TrackEnv(KitasapEnv):
 
 def path_ahead(path: Path, pose: np.ndarray, along_m: float) -> np.ndarray:
     """(10,) the observation `path` of a robot that believes to be at a pose (3,), so far along."""
-    ahead = [path.at(along_m + ahead_m) for ahead_m in _AHEAD_M]
-    seen = [seen_from(pose, np.array([*point, 0.0]))[:2] for point in ahead]
-    return np.concatenate(seen).clip(-_FARTHEST_M, _FARTHEST_M).astype(np.float32)
+    x0, y0, theta = pose.tolist()
+    c, s = math.cos(theta), math.sin(theta)
+    seen: list[float] = []
+    for ahead_m in _AHEAD_M:
+        x, y = path.at(along_m + ahead_m)
+        seen += [c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0)]
+    return np.array(seen).clip(-_FARTHEST_M, _FARTHEST_M).astype(np.float32)
 
 
 def _drawn(place: Place, rng: np.random.Generator) -> np.ndarray:
