@@ -16,9 +16,9 @@ _MOST_BYTES = 3_000_000
 
 def checked_video(path: Path) -> Path:
     """The path, if a video can be written so; ValueError for another ending, or no encoder."""
-    if path.suffix not in (".gif", ".mp4"):
+    if path.suffix.lower() not in (".gif", ".mp4"):
         raise ValueError(f"--video takes a file that ends in .gif or .mp4, not {path.name}")
-    if path.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
+    if path.suffix.lower() == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise ValueError(
             "an .mp4 needs imageio-ffmpeg: pip install 'kitasap[video]', or give a .gif instead"
         )
@@ -28,7 +28,7 @@ def checked_video(path: Path) -> Path:
 def write_video(path: Path, frames: list[np.ndarray]) -> None:
     """Writes (height, width, 3) uint8 frames, 10 in a second; a GIF small, in few colours."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    if path.suffix == ".mp4":
+    if path.suffix.lower() == ".mp4":
         height, width = frames[0].shape[:2]
         writer = import_module("imageio_ffmpeg").write_frames(
             str(path), (width, height), fps=FRAMES_PER_S

@@ -329,6 +329,10 @@ class Place:
         return max(finest_m, float((bounds_m[1] - bounds_m[0]).max()) / _MAX_CELLS_ALONG)
 
 
+_ENDINGS = (".xml", ".urdf", ".mjz", ".zip")
+"""What MuJoCo reads; of others it complains on a line of its own."""
+
+
 def place_path(name: str) -> Path:
     """The file of a place by name, or by path. Raises ValueError, naming those there are, if there
     is none."""
@@ -336,6 +340,8 @@ def place_path(name: str) -> Path:
         return Path(str(_FOLDER / f"{name}.xml"))
     path = Path(name)
     if path.is_file():
+        if path.suffix.lower() not in _ENDINGS:
+            raise ValueError(f"place {name} is not a valid MJCF file: such end in .xml")
         return path
     raise ValueError(f"no place called '{name}', nor a file; there are: {', '.join(place_names())}")
 

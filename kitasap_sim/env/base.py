@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from kitasap_sim.encoders import DeadReckoning
 from kitasap_sim.env.bumper import Bumper
+from kitasap_sim.env.checks import finite_numbers
 from kitasap_sim.env.motors import CONTROL_S, CONTROLS, Motors, checked_action
 from kitasap_sim.env.variation import RANDOM, Span, Variation, beams_of
 from kitasap_sim.laser import LaserSpec, measured_ranges
@@ -185,7 +186,9 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     ) -> tuple[Observation, dict[str, Any]]:
         """A new episode. Raises ValueError for options that are unknown or make no sense."""
         super().reset(seed=seed)
-        options = dict(options or {})
+        options = {} if options is None else options
+        if not isinstance(options, dict):
+            raise ValueError(f"options: a dict with {', '.join(self.OPTIONS)}, not {options!r}")
         if unknown := set(options) - set(self.OPTIONS):
             raise ValueError(
                 f"no option called {', '.join(sorted(unknown))};"
@@ -295,9 +298,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         """(3,) a pose given as an option, None where none is. Raises ValueError if not free."""
         if name not in options:
             return None
-        pose = np.asarray(options[name], dtype=float)
-        if pose.shape != (3,) or not np.isfinite(pose).all():
-            raise ValueError(f"{name}: three finite numbers, x, y and heading, not {options[name]}")
+        expected = f"{name}: three finite numbers, x, y and heading"
+        pose = finite_numbers(options[name], (3,), expected)
         if not self.place.is_free(pose[:2])[0]:
             raise ValueError(
                 f"{name}: something stands at ({pose[0]:.2f}, {pose[1]:.2f}) of {self.place.name},"

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv
+from kitasap_sim.env.checks import number_between
 
 _CELL_M = 0.1
 """Of what is counted as seen; chosen."""
@@ -53,9 +54,7 @@ class ExploreEnv(KitasapEnv):
     ) -> None:
         """Raises ValueError, naming the keyword, for a value that makes no sense."""
         super().__init__(render_mode, **keywords)
-        if not 0.0 < share <= 1.0:
-            raise ValueError(f"share: above 0 and up to 1, not {share}")
-        self._share = share
+        self._share = number_between(share, 1e-6, 1.0, "share")
         x, y, _ = self.laser.mount_m
         self._mount_m = x + 1j * y
         self._probes_m = np.arange(_CELL_M / 2.0, self._range_m, _CELL_M)

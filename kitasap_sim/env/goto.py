@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv, Observation, box, seen_from
+from kitasap_sim.env.checks import finite_numbers, number_between
 from kitasap_sim.env.distance import Distance
 
 _LEAST_WAY_M = 1.5
@@ -75,11 +76,9 @@ class GoToEnv(KitasapEnv):
     ) -> None:
         """Raises ValueError, naming the keyword, for a value that makes no sense."""
         super().__init__(render_mode, **keywords)
-        if len(tolerance) != 2 or not (
-            0.01 <= tolerance[0] <= 10.0 and 0.01 <= tolerance[1] <= 4.0
-        ):
-            raise ValueError(f"tolerance: metres from 0.01 and radians from 0.01, not {tolerance}")
-        self._within_m, self._within_rad = tolerance
+        within_m, within_rad = finite_numbers(tolerance, (2,), "tolerance: metres and radians")
+        self._within_m = number_between(within_m, 0.01, 10.0, "tolerance, metres")
+        self._within_rad = number_between(within_rad, 0.01, 4.0, "tolerance, radians")
 
     def _spaces(self) -> dict[str, spaces.Box]:
         return {"goal": box([-_FARTHEST_M, -_FARTHEST_M, -1.0, -1.0])}

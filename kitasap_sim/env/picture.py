@@ -1,13 +1,16 @@
 """Pictures of an episode: drawn only for who asks, and without changing what comes next."""
 
+import math
 import os
 import sys
+import time
 from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 
+from kitasap_sim.env.motors import CONTROL_S
 from kitasap_sim.rendering import Mark, Renderer, decorate
 from kitasap_sim.simulation import Simulation
 
@@ -23,6 +26,7 @@ class Picture:
 
     def __init__(self, simulation: Simulation, *, is_shown: bool) -> None:
         self._simulation = simulation
+        self._shown_s = -math.inf
         self._viewer: Any = None
         self._renderer: Renderer | None = None
         if is_shown:
@@ -40,7 +44,15 @@ class Picture:
                 scene.ngeom = 0
                 decorate(scene, self._simulation, self._simulation.data, beams_m, marks, 1)
             self._viewer.sync()
+            self._wait()
         return None
+
+    def _wait(self) -> None:
+        """Until a control period has passed since it was shown last: people watch it drive."""
+        left_s = self._shown_s + CONTROL_S - time.perf_counter()
+        if left_s > 0.0:
+            time.sleep(left_s)
+        self._shown_s = time.perf_counter()
 
     def close(self) -> None:
         """Gives back window or graphics memory."""

@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv, Observation, box
+from kitasap_sim.env.checks import finite_numbers, number_between
 from kitasap_sim.env.path import Path
 from kitasap_sim.places import Place
 
@@ -69,21 +70,17 @@ class TrackEnv(KitasapEnv):
     ) -> None:
         """Raises ValueError, naming the keyword, for a value that makes no sense."""
         super().__init__(render_mode, **keywords)
-        if not 0.05 <= most_aside_m <= 10.0:
-            raise ValueError(f"most_aside_m: from 0.05 to 10, not {most_aside_m}")
-        self._most_aside_m = most_aside_m
+        self._most_aside_m = number_between(most_aside_m, 0.05, 10.0, "most_aside_m")
 
     def _spaces(self) -> dict[str, spaces.Box]:
         return {"path": box([-_FARTHEST_M] * (2 * len(_AHEAD_M)))}
 
     def _begin(self, options: dict[str, Any]) -> np.ndarray:
         if "path" in options:
-            corners_m = np.asarray(options["path"], dtype=float)
-            is_path = corners_m.ndim == 2 and corners_m.shape[1:] == (2,) and len(corners_m) >= 2
-            if not is_path or not np.isfinite(corners_m).all():
-                raise ValueError(
-                    f"path: (K, 2) finite corners, two at least, not {options['path']}"
-                )
+            expected = "path: (K, 2) finite corners, two at least"
+            corners_m = finite_numbers(options["path"], (None, 2), expected)
+            if len(corners_m) < 2:
+                raise ValueError(f"{expected}, not {options['path']!r}")
         elif len(self.place.track_m) >= 2:
             corners_m = self.place.track_m
         else:

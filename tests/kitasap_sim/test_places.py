@@ -190,6 +190,8 @@ def test_a_users_place_is_loaded_by_path_and_its_errors_take_one_line(place_file
         with pytest.raises(ValueError, match=reason) as caught:
             Place(place_file(text))
         assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match=r"not a valid MJCF file: such end in \.xml"):
+        Place(place_file("a room", "room.txt"))
     blocked = FLOOR_AND_WALLS.format(floor="", more='<site name="start" pos="0.1 1 0"/>')
     with pytest.raises(ValueError, match=r"start .* room around it"):
         _ = Place(place_file(blocked)).free_centres_m

@@ -14,7 +14,9 @@ from gymnasium.utils.env_checker import check_env
 
 import kitasap_sim
 from kitasap_sim.env.base import KitasapEnv
+from kitasap_sim.env.explore import ExploreEnv
 from kitasap_sim.env.goto import GoToEnv
+from kitasap_sim.env.track import TrackEnv
 from kitasap_sim.places import Place
 from kitasap_sim.rendering import RenderingError, render
 from kitasap_sim.simulation import Simulation
@@ -325,9 +327,14 @@ def test_window_shows_beams_and_goal_and_is_brought_up_to_date_each_step(monkeyp
     env = GoToEnv(render_mode="human", place="symmetric_room")
     env.reset(seed=0)
     window = env._renderer._viewer
+    waits = []
+    monkeypatch.setattr("kitasap_sim.env.picture.time.sleep", waits.append)
     for _ in range(3):
         env.step(FORWARD)
     assert window.synced == 4
+    # people watch: it does not run faster than the robot
+    assert len(waits) >= 2
+    assert 0.0 < max(waits) <= 0.05
     # disc, pole and arrow of the goal, and nearly all 60 beams
     assert 55 < window.user_scn.ngeom <= 63
     env.close()
@@ -382,12 +389,21 @@ def test_render_of_a_simulation_leaves_it_as_it_was():
         ({"laser_noise": np.nan}, "laser_noise"),
         ({"latency_s": "late"}, "latency_s"),
         ({"tolerance": (0.0, 1.0)}, "tolerance"),
+        ({"tolerance": None}, "tolerance"),
+        ({"tolerance": ("near", 1.0)}, "tolerance"),
         ({"odometry": "good"}, "no odometry preset"),
     ],
 )
 def test_keywords_that_make_no_sense_are_refused_by_name(keywords, named):
-    with pytest.raises((ValueError, TypeError), match=named):
+    with pytest.raises(ValueError, match=named):
         task(IDS[0], **keywords).reset(seed=0)
+
+
+@pytest.mark.parametrize(("kind", "keyword"), [(ExploreEnv, "share"), (TrackEnv, "most_aside_m")])
+@pytest.mark.parametrize("value", ["much", None, 0.0, np.nan, True])
+def test_what_a_task_is_told_is_a_number_of_its_range(kind, keyword, value):
+    with pytest.raises(ValueError, match=keyword):
+        kind(**{keyword: value})
 
 
 @pytest.mark.parametrize("scalar", [np.float32, np.float64, np.int64])
@@ -403,6 +419,8 @@ def test_numbers_of_numpy_are_numbers(scalar):
     [
         ({"goal": (0.0, 0.0, 0.0)}, "something stands"),
         ({"pose": (1.0, 2.0)}, "three finite numbers"),
+        ({"pose": "abc"}, "three finite numbers"),
+        ("pose", "options: a dict"),
         ({"start": 1}, "no option called start"),
     ],
 )
@@ -410,6 +428,14 @@ def test_options_that_make_no_sense_are_refused(options, named):
     env = task(IDS[0], place="symmetric_room")
     with pytest.raises(ValueError, match=named):
         env.reset(seed=0, options=options)
+
+
+@pytest.mark.parametrize(
+    "path", ["abc", None, [(1.0, 2.0)], [(1.0, 2.0), (3.0,)], [(1.0, np.nan)] * 2]
+)
+def test_path_that_is_none_is_refused(path):
+    with pytest.raises(ValueError, match="path:"):
+        TrackEnv(place="symmetric_room").reset(seed=0, options={"path": path})
 
 
 def test_unknown_render_mode_is_refused():
