@@ -63,7 +63,13 @@ class TurnToDisambiguate:
         self._best: tuple[float, float] | None = None
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        """(2,) float32, speed and turn rate in shares of the largest."""
+        """(2,) float32, speed and turn rate in shares of the largest. Raises ValueError without a
+        belief."""
+        if "belief" not in observation:
+            raise ValueError(
+                "this policy acts on `belief`, which is not in the observation: wrap the task in"
+                " experiments.beliefs.BeliefReward"
+            )
         x, y, heading_rad = observation["odometry"].astype(float).tolist()
         if self._last_rad is not None:
             self._turned_rad += abs(math.remainder(heading_rad - self._last_rad, math.tau))

@@ -40,6 +40,11 @@ def test_policy_sees_how_far_it_can_drive():
     assert policy._room_m({"scan": np.full(682, 0.2, dtype=np.float32)}, 0.0) == 0.0
 
 
+def test_policy_without_a_belief_says_what_gives_it_one():
+    with pytest.raises(ValueError, match="BeliefReward"):
+        TurnToDisambiguate(laser("urg_04lx"))({"odometry": np.zeros(3), "scan": np.zeros(682)})
+
+
 def test_policy_stops_before_what_comes_into_its_way():
     policy = TurnToDisambiguate(laser("urg_04lx"))
     heading_rad, belief = 0.0, np.zeros(8, dtype=np.float32)
