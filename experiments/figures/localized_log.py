@@ -1,6 +1,5 @@
 """The picture of a recorded log localised on a known map: where it was sure, where it was not."""
 
-import math
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -19,7 +18,8 @@ _WIDTH_IN, _STRIP_IN = 9.0, 1.1
 _TALLEST = 1.2
 """Of the map's panel, height by width."""
 _MARGIN_M = 0.5
-_MOST_ARROWS = 150
+_ARROWS_ACROSS = 30
+"""Along the wider side of the map, at most; the way is a line, and these say where it leads."""
 _MOST_REASONS = 6
 """Times of getting lost that are told in words; a log with more has them in verdicts.csv."""
 _REASON_LETTERS = 105
@@ -96,18 +96,21 @@ def _draw_way(axis: Axes, result: LocalizedLog) -> None:
     joined = is_sure[1:] & is_sure[:-1]
     steps = np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[joined]
     axis.add_collection(LineCollection(list(steps), colors=_COLOURS[Status.TRACKING], lw=1.2))
-    every = max(1, math.ceil(len(poses) / _MOST_ARROWS))
+    ways_m = np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T))
+    lower, upper = _window(result)
+    spacing_m = float((upper - lower).max()) / _ARROWS_ACROSS
+    is_shown = np.diff(np.floor(ways_m / spacing_m), prepend=-1.0) > 0.0
     for status in Status:
         count = result.statuses().count(status)
         mine = np.array([e.verdict.status is status for e in placed], dtype=bool)
         if status is Status.TRACKING:
-            mine &= np.arange(len(mine)) % every == 0
+            mine &= is_shown
         x, y, theta = poses[mine].T
         is_guess = status is not Status.TRACKING
         axis.quiver(
             x, y, np.cos(theta), np.sin(theta), angles="xy", units="inches",
-            scale=8.0 if is_guess else 5.5, width=0.025 if is_guess else 0.035,
-            headwidth=4, headlength=4, headaxislength=3.5, lw=0.8,
+            scale=8.0 if is_guess else 7.0, width=0.025, headwidth=4, headlength=4,
+            headaxislength=3.5, lw=0.8,
             facecolor="none" if is_guess else _COLOURS[status], edgecolor=_COLOURS[status],
             zorder=3 if is_guess else 4,
         )  # fmt: skip
