@@ -134,7 +134,7 @@ class BeamMatch:
 
     @property
     def covariance(self) -> FloatArray:
-        """(3, 3) of the tangent in the base frame; inf along what nothing fixes."""
+        """(3, 3) of the tangent in the base frame; inf on its diagonal where a direction is open."""
         return covariance_of(self.information)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,6 +33,10 @@ class Beams:
 
     def __post_init__(self) -> None:
         angles_rad = frozen_array(self.angles_rad, (None,), "angles_rad")
+        if len(angles_rad) and abs(middle_rad := (angles_rad[0] + angles_rad[-1]) / 2.0) > math.pi:
+            # the same directions, said so that they lie about the front
+            turns = round(float(middle_rad) / math.tau)
+            angles_rad = frozen_array(angles_rad - turns * math.tau, (None,), "angles_rad")
         object.__setattr__(self, "angles_rad", angles_rad)
         shape = angles_rad.shape
         object.__setattr__(self, "ranges_m", frozen_array(self.ranges_m, shape, "ranges_m"))

@@ -12,9 +12,10 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
-from slam.measurements import LaserScan, Measurement
+from slam.measurements import Measurement
 from slam.odometry import compose_covariance
 from slam.se2 import SE2
 from slam.straightening import Straightener
@@ -124,7 +125,7 @@ class FrontEnd:
         self._window: deque[FloatArray] = deque()
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
-        self._last_scan: LaserScan | None = None
+        self._laser = FrozenLaser()
         self._blind_m, self._last_s = 0.0, -math.inf
 
     def update(self, measurement: Measurement) -> FrontEndStep:
@@ -186,9 +187,7 @@ class FrontEnd:
         self, measurement: Measurement, points: FloatArray, T_last: SE2, T_predicted: SE2
     ) -> tuple[SurfaceMatch | None, StepStatus]:
         """The match of a scan to be believed, if there is one."""
-        config, scan, last = self.config, measurement.scan, self._last_scan
-        self._last_scan = scan
-        is_frozen = last is not None and scan.repeats(last)
+        config, is_frozen = self.config, self._laser.repeats(measurement.scan)
         if len(points) < config.min_points or is_frozen or not self._window:
             return None, StepStatus.CARRIED
         if self._blind_m > config.most_blind_m:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -60,6 +61,11 @@ class WheelPrior:
     lag_noise_s: float = 0.002
     slips_per_m: float = 0.01
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for what is no deviation: below 0 or not finite."""
+        if not all(math.isfinite(value) and value >= 0.0 for value in astuple(self)):
+            raise ValueError(f"deviations of wheels must be finite and 0 or more, not {self}")
+
 
 class PoseFilter:
     """A pose with its covariance, moved by odometry and corrected by scan matches.
@@ -95,7 +101,9 @@ class PoseFilter:
     @property
     def strain(self) -> float:
         """Largest of the wheels' learnt constants, in standard deviations of what was thought of it."""
-        return float((np.abs(self.wheel_errors) / self._deviations).max())
+        known = self._deviations > 0.0
+        strains = np.abs(self.wheel_errors[known]) / self._deviations[known]
+        return float(strains.max(initial=0.0))
 
     @property
     def covariance(self) -> FloatArray:

@@ -72,7 +72,7 @@ class SlipOdds:
     def odds(self) -> FloatArray:
         """Of each of `SLIPS_M` now."""
         odds = self._per_m * (_SCAN_M + self._way_m) / len(SLIPS_M) + self._seen
-        return np.asarray(odds * min(1.0, _MOST_ODDS / float(odds.sum())))
+        return np.asarray(odds * min(1.0, _MOST_ODDS / max(float(odds.sum()), _LEAST)))
 
     def move(self, twist: FloatArray) -> None:
         """Notes a way of the wheels (x, y, theta)."""

@@ -10,19 +10,20 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.consistency import InnovationMonitor
+from slam.frozen_laser import FrozenLaser
 from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held
 from slam.innovation_scales import InnovationScales
 from slam.look import Look, Step
 from slam.lost import Guard
 from slam.matchers import Matcher
-from slam.measurements import LaserScan, Measurement
+from slam.measurements import LaserScan, Measurement, check_stamped, checked_motion
 from slam.odometry import compose_covariance
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.verdict import Judgement, Status, Verdict, verdict_of
 
-_FROZEN = "the scan is the last one bit for bit: the laser has frozen"
+_FROZEN = "the scan is one of the last ones bit for bit: the laser has frozen"
 _UNUSED = {
     Status.TRACKING: MatchStatus.NOT_ATTEMPTED,
     Status.UNSURE: MatchStatus.NOT_ATTEMPTED,
@@ -106,7 +107,8 @@ class Localizer:
     """Follows a robot on a known map. `T_map_base` is its pose at the last measurement.
 
     With a guard it knows when it is lost, and finds itself again anywhere on the map; it may then
-    also start without a pose. Raises ValueError for a start without a pose and without a guard.
+    also start without a pose. Raises ValueError for a start without a pose and without a guard, and
+    for poses that are not finite.
     """
 
     def __init__(
@@ -119,6 +121,9 @@ class Localizer:
     ) -> None:
         if T_map_base is None and guard is None:
             raise ValueError("a start without a pose needs a guard, which searches the map")
+        check_stamped("T_base_laser", 0.0, T_base_laser)
+        if T_map_base is not None:
+            check_stamped("T_map_base", 0.0, T_map_base)
         self.guard = guard
         if guard is not None and T_map_base is None:
             guard.is_lost = True
@@ -137,6 +142,7 @@ class Localizer:
             fastest=self.config.fastest,
         )
         self._last: Measurement | None = None
+        self._laser = FrozenLaser()
         self._T_last, self._moved_noise = T_map_base, np.zeros((3, 3))
         self._claims_nothing = False
         self._scales = InnovationScales(self.config.max_scale)
@@ -186,7 +192,11 @@ class Localizer:
         )  # fmt: skip
 
     def move(self, time_s: float, motion: SE2, motion_covariance: FloatArray) -> None:
-        """Follows the wheels to a time without a scan, as `update` would first do."""
+        """Follows the wheels to a time without a scan, as `update` would first do.
+
+        Raises ValueError for a motion as `Measurement` does.
+        """
+        motion_covariance = checked_motion(time_s, motion, motion_covariance)
         moved = self._predict(time_s, None, motion, motion_covariance)
         self._moved_noise = compose_covariance(self._moved_noise, motion, motion_covariance)
         if self.guard is not None:
@@ -207,7 +217,7 @@ class Localizer:
         """The scan matched, and what to make of it; while lost, searched for all over the map. What
         is to be said of the scan itself as well."""
         guard, scan = self.guard, measurement.scan
-        if self._last is not None and measurement.scan.repeats(self._last.scan):
+        if self._laser.repeats(scan):
             # the same noise twice is no second look: it would be counted as one
             if guard is not None:
                 guard.carry(moved)

@@ -88,7 +88,7 @@ class LostSearch:
         if match.status is MatchStatus.DEGENERATE:
             doubts.append("the scan leaves a direction open")
         elif not match.is_matched:
-            doubts.append(f"scan match: {match.status.value}")
+            doubts.append(match.said)
         if self._usual.has_violations(best.evidence, limits):
             doubts.append("beams went through walls")
         return tuple(doubts)

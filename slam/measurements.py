@@ -6,17 +6,21 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from slam.arrays import FloatArray, frozen_array
-from slam.kernels.beam_points import are_equal
+from slam.kernels.beam_points import are_same_ranges
 from slam.odometry import DifferentialDrive, OdometryNoise
-from slam.se2 import SE2
+from slam.se2 import FARTHEST_M, SE2
 
 _LONGEST_SWEEP_S = 10.0
 """Chosen: no laser takes as long; a beam time farther off its stamp is no time."""
 _ASSUMED_DRIVE = DifferentialDrive((0.5 / math.pi, 0.5 / math.pi), track_m=0.3, ticks_per_turn=1.0)
 """Where only a motion is known: the track of which `OdometryNoise` speaks; its ticks are metres."""
+_LATEST_S = 1e12
+"""Thirty thousand years; nanoseconds since 1970 are a million times as many."""
+_SAME_BEAMS = 0.9
+"""Chosen: of the beams of two scans, those with a range in both; each of these must be the same."""
 _ROUNDING = 1e-9
 """Chosen: what sums of covariances leave of their largest entry."""
 
@@ -41,8 +45,7 @@ class LaserScan:
     def __post_init__(self) -> None:
         angles_rad = frozen_array(self.angles_rad, (None,), "angles_rad")
         ranges_m = frozen_array(self.ranges_m, angles_rad.shape, "ranges_m")
-        if not math.isfinite(self.time_s):
-            raise ValueError(f"time_s must be finite, not {self.time_s}")
+        check_stamped("scan", self.time_s, SE2.identity())
         if not (np.isfinite(angles_rad).all() and (np.diff(angles_rad) > 0.0).all()):
             raise ValueError("angles_rad must be finite and increase from beam to beam")
         if (np.isfinite(ranges_m) & (ranges_m < 0.0)).any():
@@ -85,9 +88,9 @@ class LaserScan:
         return T_base_laser @ points_laser
 
     def repeats(self, before: LaserScan) -> bool:
-        """True where a laser that froze gives the last scan once more, bit for bit."""
-        is_same = are_equal(self.ranges_m, before.ranges_m)
-        return bool(is_same and np.isfinite(self.ranges_m).any())
+        """True where a laser that froze gives a scan once more: its ranges bit for bit, but for a few
+        beams that came back in one of both alone."""
+        return bool(are_same_ranges(self.ranges_m, before.ranges_m, _SAME_BEAMS))
 
     def cut(self, range_max_m: float) -> LaserScan:
         """The same scan, in which what lies farther than range_max_m is no return."""
@@ -120,17 +123,34 @@ class Measurement:
     motion_covariance: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.time_s):
-            raise ValueError(f"time_s must be finite, not {self.time_s}")
-        if not np.isfinite(self.motion.as_array()).all():
-            raise ValueError(f"motion must be finite, not {self.motion}")
-        if self.motion_covariance is None:
+        covariance = self.motion_covariance
+        if covariance is None:
+            check_stamped("motion", self.time_s, self.motion)
             covariance = _assumed_covariance(self.motion)
-        else:
-            covariance = self.motion_covariance
-        covariance = frozen_array(covariance, (3, 3), "motion_covariance")
-        _check_covariance(covariance)
+        covariance = checked_motion(self.time_s, self.motion, covariance)
         object.__setattr__(self, "motion_covariance", covariance)
+
+
+def check_stamped(what: str, time_s: float, pose: SE2) -> None:
+    """Raises ValueError, in one line, for a stamp, a pose or a motion that no robot can have."""
+    if not abs(time_s) <= _LATEST_S:
+        raise ValueError(
+            f"time_s must be finite, not {time_s}"
+            if not math.isfinite(time_s)
+            else f"time_s must be seconds, at most {_LATEST_S:g}, not {time_s}"
+        )
+    if not np.isfinite(pose.as_array()).all():
+        raise ValueError(f"{what} must be finite, not {pose}")
+    if max(abs(pose.x), abs(pose.y)) > FARTHEST_M:
+        raise ValueError(f"{what} must be at most {FARTHEST_M:g} m, not {pose}")
+
+
+def checked_motion(time_s: float, motion: SE2, motion_covariance: ArrayLike) -> FloatArray:
+    """(3, 3) the covariance of a motion up to a stamp. Raises ValueError if one of them is none."""
+    check_stamped("motion", time_s, motion)
+    covariance = frozen_array(motion_covariance, (3, 3), "motion_covariance")
+    _check_covariance(covariance)
+    return covariance
 
 
 def _assumed_covariance(motion: SE2) -> FloatArray:

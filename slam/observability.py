@@ -37,8 +37,10 @@ def as_far_as_held(
     if not match.is_matched:
         return match
     T_map_base, is_open = held(
-        faced(beams.points, beams.middle_m), point_map, T_predicted, match.T_map_base
-    )
+        # far along a wall points stand alone: facing the laser they would seem to hold the way there
+        faced(beams.points, beams.middle_m, is_lone_told=False),
+        point_map, T_predicted, match.T_map_base,
+    )  # fmt: skip
     if not is_open:
         return match
     return replace(match, T_map_base=T_map_base, status=MatchStatus.DEGENERATE)

@@ -25,7 +25,7 @@ class RangeNoise:
 
     def __post_init__(self) -> None:
         at_m = [at for at, _ in self.sigma_at_m]
-        if not at_m or sorted(set(at_m)) != at_m:
+        if not at_m or sorted(set(at_m)) != at_m or not all(map(math.isfinite, at_m)):
             raise ValueError(f"sigma_at_m needs increasing ranges, not {self.sigma_at_m}")
         if not all(math.isfinite(sigma) and sigma > 0.0 for _, sigma in self.sigma_at_m):
             raise ValueError(f"sigma_at_m needs sigmas above 0, not {self.sigma_at_m}")

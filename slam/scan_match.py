@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from slam.arrays import FloatArray
 from slam.se2 import SE2
 
+_WIDE = 2.0
+"""Chosen: three pairs of legs in view leave it below 1.3."""
+
 
 class MatchStatus(enum.Enum):
     """How a match ended."""
@@ -85,6 +88,17 @@ class ScanMatch:
     def is_matched(self) -> bool:
         """True when the pose is to be believed."""
         return self.status is MatchStatus.MATCHED
+
+    @property
+    def said(self) -> str:
+        """How it ended, in words; of one not to be used also what its ranges say of the noise."""
+        words = f"scan match: {self.status.value}"
+        if self.fit is not None and self.fit.scale > _WIDE:
+            words += (
+                f"; about the best pose near by ranges scatter {self.fit.scale:.1f} times as wide as"
+                " the laser's noise: another place, or a noise assumed too small"
+            )
+        return words
 
     @staticmethod
     def from_history(history: Sequence[IcpStep], status: MatchStatus) -> ScanMatch:

@@ -57,5 +57,5 @@ _STATUS_OF_MATCH = {
 def verdict_of(match: ScanMatch) -> Verdict:
     """The verdict where a method stands alone, with no search of the map to ask."""
     status = _STATUS_OF_MATCH[match.status]
-    reasons = () if status is Status.TRACKING else (f"scan match: {match.status.value}",)
+    reasons = () if status is Status.TRACKING else (match.said,)
     return Verdict(status, reasons)

@@ -56,11 +56,16 @@ def count_beyond(points: FloatArray, middle: FloatArray, distance: float) -> int
 
 
 @compiled
-def are_equal(first: FloatArray, second: FloatArray) -> bool:
-    """Whether two arrays (N,) are the same number by number, nan the same as nan."""
+def are_same_ranges(first: FloatArray, second: FloatArray, least: float) -> bool:
+    """Whether all numbers that are finite in both arrays (N,) are equal, and these are at least so
+    large a share of those finite in either."""
     if first.shape[0] != second.shape[0]:
         return False
+    both = either = 0
     for i in range(first.shape[0]):
-        if first[i] != second[i] and not (math.isnan(first[i]) and math.isnan(second[i])):
+        is_first, is_second = math.isfinite(first[i]), math.isfinite(second[i])
+        if is_first and is_second and first[i] != second[i]:
             return False
-    return True
+        both += is_first and is_second
+        either += is_first or is_second
+    return both > 0 and both >= least * either

@@ -15,13 +15,17 @@ _GRAZED_M = 0.1
 
 @compiled
 def facings_into(
-    points: FloatArray, seen_from: FloatArray, reach_m: float, faced: FloatArray
+    points: FloatArray,
+    seen_from: FloatArray,
+    reach_m: float,
+    is_lone_told: bool,
+    faced: FloatArray,
 ) -> None:
     """Into faced (N, 3): the points (N, 2) of a scan, in their order, and where their surface faces.
 
     That is the side of the line through a point's neighbours, within reach_m of it and up to
     _MOST_NEIGHBOURS to either side, on which the laser was, seen_from (2,); of a lone point, the way
-    to the laser [rad]; nan where the laser saw along the line.
+    to the laser [rad], or nan if that is not to be told; nan where the laser saw along the line.
     """
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
@@ -54,8 +58,10 @@ def facings_into(
                 continue
             if off < 0.0:
                 nx, ny = -nx, -ny
-        else:
+        elif is_lone_told:
             nx, ny = to_x, to_y
+        else:
+            nx = ny = math.nan
         faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.atan2(ny, nx)
 
 

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from slam.laser_model import LaserModel
 from slam.localization import Estimate
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
+from slam.range_noise import RangeNoise
 from slam.se2 import SE2
 from tests.slam.all_methods import METHODS, SIGMA_M, localizer, matchers
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, scan_of
@@ -181,6 +183,21 @@ def test_one_wall_out_of_a_room_is_not_sure_of_a_wrong_pose(name, end_m):
     assert abs(estimate.T_map_base.x - at.x) > 0.15
 
 
+@pytest.mark.parametrize(("half_m", "off_m"), [(3.0, 0.5), (8.0, 2.0), (20.0, 2.0)])
+@pytest.mark.parametrize("name", METHODS)
+def test_one_wall_whose_ends_are_in_reach_is_not_sure_of_a_wrong_pose(name, half_m, off_m):
+    # so far along it points stand alone, and were taken to face the laser: to hold the way there
+    wall = np.array([[[-half_m, 0.0], [half_m, 0.0]]])
+    model = LaserModel(RangeNoise(((1.0, SIGMA_M),)), 0.02, 30.0)
+    true, rng = SE2(0.0, off_m, -1.5), np.random.default_rng(5)
+    robot = localizer(name, matchers(wall, model)[name], true, LASER)
+    for k in range(9):
+        scan = scan_of(wall, true @ LASER, rng, SIGMA_M, range_max_m=30.0)
+        told = SE2(0.03, 0.03, 0.0) if k else SE2.identity()
+        assert_sane(robot.update(Measurement(0.1 * k, told, scan, NOISE)), true, name)
+        true = true @ SE2(0.02, 0.0, 0.0)
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_wall_up_to_the_foot_of_a_box_is_not_sure_of_a_wrong_pose(name):
     # points of the wall that slid to the box are next to its side, and seemed to be held by it
@@ -189,11 +206,25 @@ def test_wall_up_to_the_foot_of_a_box_is_not_sure_of_a_wrong_pose(name):
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_frozen_scan_is_no_sure_wrong_pose_while_the_wheels_turn(name):
+@pytest.mark.parametrize("how", ["alone", "between blanks", "two in turn", "flickering"])
+def test_frozen_scan_is_no_sure_wrong_pose_while_the_wheels_turn(name, how):
     frozen = scan_of(ROOM_SEGMENTS, ROOM_CENTRE @ LASER, np.random.default_rng(0), SIGMA_M)
-    for estimate, true in after(name, [frozen] * 12):
+    blank = LaserScan(0.0, frozen.angles_rad, np.full(len(frozen.angles_rad), np.inf))
+    second = ROOM_CENTRE @ STEP @ STEP
+    other = scan_of(ROOM_SEGMENTS, second @ LASER, np.random.default_rng(1), SIGMA_M)
+    flickering = [
+        np.where(np.arange(len(ANGLES_RAD)) == k, np.nan, frozen.ranges_m) for k in range(12)
+    ]
+    scans = {
+        "alone": [frozen] * 12,
+        "between blanks": [frozen, blank] * 6,
+        "two in turn": [frozen, other] * 6,
+        "flickering": [LaserScan(0.0, ANGLES_RAD, ranges_m) for ranges_m in flickering],
+    }[how]
+    for k, (estimate, true) in enumerate(after(name, scans)):
         assert_sane(estimate, true, name)
-        assert not estimate.is_matched
+        is_new = how == "two in turn" and k == 1
+        assert estimate.is_matched == is_new
 
 
 @pytest.mark.parametrize("name", METHODS)

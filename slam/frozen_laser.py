@@ -1,0 +1,28 @@
+"""A laser that gives old scans once more: the same noise twice is no second look."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from slam.measurements import LaserScan
+
+_MOST = 4
+"""Chosen: a driver's ring of buffers is seldom longer."""
+
+
+class FrozenLaser:
+    """Knows its last scans that had returns, so that one which comes again is seen for what it is.
+
+    What comes between, scans without returns among it, makes it no other.
+    """
+
+    def __init__(self) -> None:
+        self._kept: deque[LaserScan] = deque(maxlen=_MOST)
+
+    def repeats(self, scan: LaserScan) -> bool:
+        """Whether a scan is one of the last ones bit for bit; else it is one of them from now on."""
+        if any(scan.repeats(one) for one in self._kept):
+            return True
+        if scan.is_hit.any():
+            self._kept.append(scan)
+        return False
