@@ -28,6 +28,8 @@ from slam.odometry import DifferentialDrive
 from slam.scan_match import ScanMatch
 from slam.se2 import SE2
 
+_MOST_SCANS = 0.5
+"""Chosen: where fewer are matched, it is the place that leaves things open, and not the drive."""
 _STRAIGHT = "drive straight for some metres"
 _TURNS = "turn slowly on the spot, half a turn or more to the left and as much to the right"
 _ADVICE = dict(
@@ -71,8 +73,8 @@ class Calibration:
 
     covariance: (6, 6) of `PARAMETERS` [m], [rad]; widened where residuals were larger than promised,
     never narrowed. chi2_match, chi2_wheels: mean squared residual of each kind against its promise;
-    1 is as assumed. side_slip_s, lag_s, creep_m: see `CalibrationConfig`. matched: scans that took
-    part. not_observable: those of `PARAMETERS` that the drive leaves open.
+    1 is as assumed. side_slip_s, lag_s, creep_m: see `CalibrationConfig`. matched: of so many
+    scans those that took part. not_observable: those of `PARAMETERS` that the drive leaves open.
     """
 
     T_base_laser: SE2
@@ -84,6 +86,7 @@ class Calibration:
     lag_s: float
     creep_m: float
     matched: int
+    scans: int
     not_observable: tuple[str, ...]
 
     @property
@@ -109,7 +112,13 @@ class Calibration:
         ways = dict.fromkeys(_ADVICE[name] for name in self.not_observable)
         if not ways:
             return ""
-        return f"the drive does not show {', '.join(self.not_observable)}: {'; '.join(ways)}"
+        open_words = f"the drive does not show {', '.join(self.not_observable)}"
+        if self.matched < _MOST_SCANS * self.scans:
+            return (
+                f"{open_words}: {self.matched} of {self.scans} scans were matched; drive where walls"
+                " and furniture hold the pose in all directions"
+            )
+        return f"{open_words}: {'; '.join(ways)}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -152,7 +161,7 @@ def calibrate(
             wheels, matches, T_matched, assumed, config.prior_sigmas, config.max_match_sigmas
         )
         found = adjustment.solve(found, config.max_steps)
-    return _calibration(adjustment, found, drive, config)
+    return _calibration(adjustment, found, drive, config, len(measurements))
 
 
 def _calibration(
@@ -160,8 +169,9 @@ def _calibration(
     found: FloatArray,
     drive: DifferentialDrive,
     config: CalibrationConfig,
+    scans: int,
 ) -> Calibration:
-    """The result at the parameters found (9,)."""
+    """The result at the parameters found (9,), of a drive of so many scans."""
     covariance = adjustment.covariance(found)[:6, :6]
     names = zip(PARAMETERS, np.diag(covariance), config.max_sigmas, strict=True)
     not_observable = tuple(name for name, variance, limit in names if variance > limit**2)
@@ -177,6 +187,7 @@ def _calibration(
         lag_s=float(found[7]),
         creep_m=float(found[8]),
         matched=adjustment.matched,
+        scans=scans,
         not_observable=not_observable,
     )
 

@@ -233,9 +233,11 @@ def _prepared(
         started_s = time.process_time()
         try:
             register = method.prepare(data.known)
-        except ModuleNotFoundError:
+        except ImportError as error:  # not there, or broken: the other rows are worth having
             if method.package is None:
                 raise
+            if not isinstance(error, ModuleNotFoundError):
+                print(f"{method.package} cannot be imported: {error}", file=sys.stderr)
             missing.setdefault(method.package, []).append(method.name)
             continue
         stamps_s = [time.process_time()]

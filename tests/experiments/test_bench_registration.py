@@ -118,6 +118,19 @@ def test_missing_peers_are_left_out_and_named_with_what_to_install(
     assert not any("small_gicp" in name or "KISS" in name for name in names)
 
 
+def test_peer_that_is_broken_is_left_out_and_says_why(box_room, capsys):
+    class Broken:
+        name, note, package = "broken", "", "small_gicp"
+
+        def prepare(self, known):
+            raise ImportError("libgomp.so.1: cannot open shared object file")
+
+    methods = [*(row for row in OURS if row.name == "kitasap fast"), Broken()]
+    result = measured(Place(box_room), "urg_04lx", 1, 0, methods=methods)
+    assert [row.name for row in result.rows] == ["kitasap fast"]
+    assert "small_gicp cannot be imported: libgomp" in capsys.readouterr().err
+
+
 def test_own_rows_library_that_is_missing_is_not_passed_over(box_room, monkeypatch):
     def absent(known):
         raise ModuleNotFoundError("numba")

@@ -138,6 +138,15 @@ def test_drive_that_shows_too_little_says_what_to_drive(legs, names, way):
     assert np.abs(found.values - TRUE_VALUES).max() < 0.3
 
 
+def test_place_that_holds_few_scans_is_what_is_to_be_changed():
+    measurements, matcher = drive((LEFT, LEFT), np.random.default_rng(3))
+    matcher.lost = frozenset(k for k in range(len(measurements)) if k % 4)
+    found = calibrated(measurements, matcher)
+    assert not found.is_observable
+    assert f"{found.matched} of {len(measurements)} scans were matched" in found.advice
+    assert "all directions" in found.advice
+
+
 def test_few_wrong_matches_do_little():
     measurements, matcher = drive(BOTH_WAYS, np.random.default_rng(4))
     matcher.wrong = frozenset(range(5, 300, 37))
