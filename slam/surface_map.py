@@ -30,7 +30,8 @@ that a noise of 4 cm turns the surface by a few degrees only."""
 def faced(points: FloatArray, seen_from: FloatArray, *, is_lone_told: bool = True) -> FloatArray:
     """(N, 3) points (N, 2) of a scan in their order [m], as faced points; seen_from: (2,) [m].
 
-    is_lone_told: a point without neighbours, of which nothing is known, is taken to face the laser.
+    is_lone_told: a point without neighbours, of which nothing is known, is taken to face the laser;
+    else only where beams are too far apart for any.
     """
     out = np.empty((len(points), 3))
     facings_into(points, seen_from, _NEIGHBOURS_M, is_lone_told, out)

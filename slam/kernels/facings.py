@@ -25,7 +25,8 @@ def facings_into(
 
     That is the side of the line through a point's neighbours, within reach_m of it and up to
     _MOST_NEIGHBOURS to either side, on which the laser was, seen_from (2,); of a lone point, the way
-    to the laser [rad], or nan if that is not to be told; nan where the laser saw along the line.
+    to the laser [rad]; nan where the laser saw along the line, and, unless is_lone_told, for points
+    that are lone because their surface is seen flat.
     """
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
@@ -58,11 +59,24 @@ def facings_into(
                 continue
             if off < 0.0:
                 nx, ny = -nx, -ny
-        elif is_lone_told:
+        elif is_lone_told or _is_far_out(points, i, seen_from, reach_m):
             nx, ny = to_x, to_y
         else:
             nx = ny = math.nan
         faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.atan2(ny, nx)
+
+
+@compiled
+def _is_far_out(points: FloatArray, i: int, seen_from: FloatArray, reach_m: float) -> bool:
+    """Whether beams lie so far apart at a point that it has no neighbours, however its surface faces."""
+    x, y = points[i, 0] - seen_from[0], points[i, 1] - seen_from[1]
+    for j in (i - 1, i + 1):
+        if 0 <= j < points.shape[0]:
+            dx, dy = points[j, 0] - seen_from[0], points[j, 1] - seen_from[1]
+            length = math.sqrt(dx * dx + dy * dy)
+            if abs(x * dy - y * dx) < reach_m * length and x * dx + y * dy > 0.0:
+                return False
+    return True
 
 
 @compiled
