@@ -14,6 +14,9 @@ from slam.kernels.normal_equations import moved, solved
 
 _FLATTEST = 0.3**2
 """Floor of a point's squared incidence in its weight: what grazes a wall is often another wall's."""
+_SAME_CELLS, _SAME_CELLS_RAD = 0.25, 0.002
+"""Chosen: share of a cell, and turn, by which a pose may move before surfaces are looked up again; after
+one step without they are in any case."""
 _KERNEL = 6.0
 """Of the noise's variance: so far off a point counts a quarter."""
 _NOISE_SCALE_M = 0.03
@@ -120,6 +123,13 @@ def _front_before(
 
 
 @compiled_vectorised
+def follow(found: FloatArray, count: int, x: float, y: float) -> None:
+    """The same surfaces as `look_up` found, seen from a pose moved by x, y [m]."""
+    for k in range(count):
+        found[2, k] += found[0, k] * x + found[1, k] * y
+
+
+@compiled_vectorised
 def add_up(
     found: FloatArray,
     count: int,
@@ -201,17 +211,23 @@ def descend(
     weighed, found = np.empty((6, points.shape[0])), np.empty((4, points.shape[0]))
     weigh(points, origin, noise, weighed)
     steps, settled, cost = 0, False, 0.0
+    count, x, y = 0, pose[0], pose[1]
+    cell_m = 1.0 / per_m
     last = scales.shape[0] - 1
     for stage in range(last + 1):
-        settled = False
+        settled = is_near = False
         stride = strides[stage]
         # a coarse stage need only come within reach of the next one's scale
         enough = tolerance if stage == last else 0.1 * max(scales[stage + 1], _NOISE_SCALE_M)
         for _ in range(max_steps):
-            count = look_up(
-                surfels, columns, origin_x, origin_y, per_m, is_one_sided, weighed, stride, pose,
-                found,
-            )  # fmt: skip
+            if is_near:
+                follow(found, count, pose[0] - x, pose[1] - y)
+            else:
+                count = look_up(
+                    surfels, columns, origin_x, origin_y, per_m, is_one_sided, weighed, stride,
+                    pose, found,
+                )  # fmt: skip
+            x, y = pose[0], pose[1]
             cost = add_up(
                 found, count, is_one_sided, weighed, stride, pose[2], scales[stage] ** 2,
                 information, pull,
@@ -219,7 +235,9 @@ def descend(
             solved(information, pull, step)
             moved(pose, step)
             steps += 1
-            if math.hypot(step[0], step[1]) <= enough and abs(step[2]) <= enough:
+            length, turn = math.hypot(step[0], step[1]), abs(step[2])
+            if length <= enough and turn <= enough:
                 settled = True
                 break
+            is_near = not is_near and length <= _SAME_CELLS * cell_m and turn <= _SAME_CELLS_RAD
     return steps, settled, cost
