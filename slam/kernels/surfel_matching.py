@@ -14,8 +14,9 @@ from slam.kernels.normal_equations import moved, solved
 
 _FLATTEST = 0.3**2
 """Floor of a point's squared incidence in its weight: what grazes a wall is often another wall's."""
-_SAME_CELLS, _SAME_CELLS_RAD = 0.25, 0.002
-"""Chosen: share of a cell, and turn, by which a pose may move before surfaces are looked up again; after
+_SAME_CELLS, _SAME_CELLS_RAD = 0.05, 0.001
+"""Chosen: share of a cell, and turn, by which a pose may move before surfaces are looked up again (with a
+tenth, points at the end of a corridor kept a surface that was no longer theirs, and held it); after
 one step without they are in any case."""
 _KERNEL = 6.0
 """Of the noise's variance: so far off a point counts a quarter."""
