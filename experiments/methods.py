@@ -9,7 +9,6 @@ from experiments.mapping_drive import made_surfaces
 from experiments.paper import PAPER_ICP
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.places import Place, PlaceMap
-from slam.fusion import WheelPrior
 from slam.icp import CoarseToFineConfig
 from slam.laser_model import LaserModel
 from slam.lines import LineMap
@@ -30,6 +29,7 @@ from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfaces import Surfaces
 from slam.surfel_grid import SurfelGrid
+from slam.wheel_prior import WheelPrior
 
 
 @dataclass(frozen=True)

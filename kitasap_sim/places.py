@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Mapping
 from functools import cached_property
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -23,21 +22,16 @@ from kitasap_sim.free_space import (
     widened,
 )
 from kitasap_sim.geometry import cuts_between, points_on, slice_at, static_triangles, visible_runs
+from kitasap_sim.place_files import place_path
 from kitasap_sim.place_map import PlaceMap
 from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
 
-_FOLDER = files("models") / "places"
 _MAP_CELL_M = 0.005
 _FREE_CELL_M = 0.025
 _TREMBLE_M = 0.001
 """Chosen: beams leave their plane by micrometres at rest, by tenths of a millimetre on a drive."""
 _MAX_CELLS_ALONG = 3000
 """A large place gets coarser cells rather than gigabytes of them."""
-
-
-def place_names() -> list[str]:
-    """The names of the places that come with the project."""
-    return sorted(Path(str(entry)).stem for entry in _FOLDER.iterdir() if entry.name[-4:] == ".xml")
 
 
 class Place:
@@ -327,23 +321,6 @@ class Place:
 
     def _cell_m(self, bounds_m: np.ndarray, finest_m: float) -> float:
         return max(finest_m, float((bounds_m[1] - bounds_m[0]).max()) / _MAX_CELLS_ALONG)
-
-
-_ENDINGS = (".xml", ".urdf", ".mjz", ".zip")
-"""What MuJoCo reads; of others it complains on a line of its own."""
-
-
-def place_path(name: str) -> Path:
-    """The file of a place by name, or by path. Raises ValueError, naming those there are, if there
-    is none."""
-    if name in place_names():
-        return Path(str(_FOLDER / f"{name}.xml"))
-    path = Path(name)
-    if path.is_file():
-        if path.suffix.lower() not in _ENDINGS:
-            raise ValueError(f"place {name} is not a valid MJCF file: such end in .xml")
-        return path
-    raise ValueError(f"no place called '{name}', nor a file; there are: {', '.join(place_names())}")
 
 
 def _remade(mjcf: str, name: str, path: Path, start: np.ndarray) -> Place:

@@ -11,7 +11,7 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.consistency import InnovationMonitor
 from slam.frozen_laser import FrozenLaser
-from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held
+from slam.fusion import PoseFilter, Viewpoint, covariance_held
 from slam.innovation_scales import InnovationScales
 from slam.look import Look, Step
 from slam.lost import Guard
@@ -22,6 +22,7 @@ from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.verdict import Judgement, Status, Verdict, verdict_of
+from slam.wheel_prior import WheelPrior
 
 _FROZEN = "the scan is one of the last ones bit for bit: the laser has frozen"
 _UNUSED = {

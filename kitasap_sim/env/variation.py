@@ -10,7 +10,8 @@ import numpy as np
 
 from kitasap_sim import names
 from kitasap_sim.laser import LaserSpec
-from kitasap_sim.places import Place, place_path
+from kitasap_sim.place_files import place_path
+from kitasap_sim.places import Place
 from kitasap_sim.random_rooms import random_room
 from kitasap_sim.robot import odometry_preset
 from kitasap_sim.simulation import Simulation

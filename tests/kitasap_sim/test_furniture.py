@@ -7,7 +7,7 @@ import pytest
 
 from kitasap_sim import Place, Simulation
 from kitasap_sim.laser import laser
-from kitasap_sim.places import place_names
+from kitasap_sim.place_files import place_names
 
 HEIGHTS_M = (0.10, 0.17, 0.40)
 

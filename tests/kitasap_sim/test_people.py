@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 from kitasap_sim import Place, Simulation, kidnap
 from kitasap_sim.drive import Pilot
 from kitasap_sim.laser import laser
-from kitasap_sim.places import place_names
+from kitasap_sim.place_files import place_names
 from kitasap_sim.tracks import Track
 
 LEG_RADIUS_M = 0.055

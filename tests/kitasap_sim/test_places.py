@@ -6,7 +6,7 @@ import pytest
 
 from kitasap_sim import KITASAP2, Place
 from kitasap_sim.drive import Pilot
-from kitasap_sim.places import place_names
+from kitasap_sim.place_files import place_names
 
 FLOOR_AND_WALLS = """
 <mujoco>

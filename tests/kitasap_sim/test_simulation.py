@@ -4,7 +4,7 @@ import pytest
 
 from kitasap_sim import LASERS, Place, Simulation
 from kitasap_sim.laser import laser
-from kitasap_sim.places import place_names
+from kitasap_sim.place_files import place_names
 
 
 @pytest.mark.parametrize("name", ["urg_04lx", "lms200", "rplidar_a1"])

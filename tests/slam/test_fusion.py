@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from slam.fusion import PoseFilter, Viewpoint, WheelPrior, covariance_held, mixed
+from slam.fusion import PoseFilter, Viewpoint, covariance_held, mixed
 from slam.scan_match import MatchStatus, PoseInformation, ScanMatch
 from slam.se2 import SE2
+from slam.wheel_prior import WheelPrior
 
 START_COVARIANCE = np.diag([0.02, 0.02, 0.01]) ** 2
 STEP_COVARIANCE = np.diag([0.001, 0.0005, 0.001]) ** 2
