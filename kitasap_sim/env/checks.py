@@ -1,4 +1,4 @@
-"""Numbers that users give, checked: what is none is refused by the name under which it was given."""
+"""Numbers that users give, checked: what is none is refused by the name under which it came."""
 
 from numbers import Real
 from typing import Any

@@ -219,8 +219,8 @@ def sharpen(
     by expectation propagation. smoothness: (2,) sigmas and bend of `keep_smooth`. nodes: (K,) in
     standard deviations, where an edge's likelihood is looked at. predicted, hit_walls: (N,) at the
     pose. sums, is_kept: of the smooth beams. smooth_pose: (3,), smooth_information: (3, 3),
-    smooth_sums: results: what the smooth beams say alone. moments: (3, 3) result of `moments_about` the pose, with points
-    (P, 3); zeros without edges.
+    smooth_sums: results: what the smooth beams say alone. moments: (3, 3) result of `moments_about`
+    the pose, with points (P, 3); zeros without edges.
     """
     count = angles.shape[0]
     vertices, bearings = np.empty_like(map_vertices), np.empty_like(map_vertices)
