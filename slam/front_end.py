@@ -177,7 +177,7 @@ class FrontEnd:
     def _beams(self, measurement: Measurement) -> Beams:
         straightener, scan = self._straightener, measurement.scan
         duration_s = straightener.duration_s(measurement.time_s, measurement.motion)
-        if scan.beam_times_s is not None:
+        if scan.beam_times_s is not None:  # else there is nothing to straighten by
             straightener.take_motion(
                 measurement.time_s, scan.beam_times_s, measurement.motion, duration_s
             )

@@ -20,7 +20,7 @@ class FrozenLaser:
         self._kept: deque[LaserScan] = deque(maxlen=_MOST)
 
     def repeats(self, scan: LaserScan) -> bool:
-        """Whether a scan is one of the last ones bit for bit; else it is one of them from now on."""
+        """Whether a scan is one of the last ones: see `LaserScan.repeats`. Else it is from now on."""
         if any(scan.repeats(one) for one in self._kept):
             return True
         if scan.is_hit.any():

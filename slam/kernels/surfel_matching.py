@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from slam.arrays import FloatArray
 from slam.kernels import compiled, compiled_vectorised
 from slam.kernels.beam_likelihood import sigma_at
-from slam.kernels.normal_equations import moved, solved
+from slam.kernels.normal_equations import moved, solved, symmetric_into
 
 _FLATTEST = 0.3**2
 """Floor of a point's squared incidence in its weight: what grazes a wall is often another wall's."""
@@ -181,10 +181,7 @@ def add_up(
         px -= wx * residual
         py -= wy * residual
         pt -= wt * residual
-    information[0, 0], information[1, 1], information[2, 2] = xx, yy, tt
-    information[0, 1] = information[1, 0] = xy
-    information[0, 2] = information[2, 0] = xt
-    information[1, 2] = information[2, 1] = yt
+    symmetric_into(xx, xy, xt, yy, yt, tt, information)
     pull[0], pull[1], pull[2] = px, py, pt
     return count - kept
 
