@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam.arrays import FloatArray, IntArray
+from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.beams import Beams
 from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
-from slam.surface_map import faced
+from slam.surface_map import faced, faced_and_variances
 from slam.surfel_grid import SurfelGrid
 
 _SHARED_M, _SHARED = 0.3, 0.3
@@ -143,10 +143,29 @@ class MetSurfaces:
         """
         facings_rad = faced(self.points, seen_from)[:, 2]
         x, y = self.normals.T
-        is_so = np.abs(x * np.cos(facings_rad) + y * np.sin(facings_rad)) > _FACING_COSINE
+        return self._of(np.abs(x * np.cos(facings_rad) + y * np.sin(facings_rad)) > _FACING_COSINE)
+
+    def facing_as_seen(self, seen_from: FloatArray, sigma_rad: float) -> tuple[MetSurfaces, float]:
+        """Those that face as the scan's own points show; and the variance of their facings [rad2].
+
+        seen_from: (2,) [m], the laser. Where its beams lie too far apart to show any facing, the
+        map's stand, known by sigma_rad; surfaces seen so flat that it shows none are left out.
+        """
+        faced_base, variances = faced_and_variances(self.points, seen_from, is_lone_told=False)
+        is_shown = np.isfinite(variances)
+        shown = np.column_stack([np.cos(faced_base[:, 2]), np.sin(faced_base[:, 2])])
+        normals = np.where(is_shown[:, np.newaxis], shown, self.normals)
+        # at a corner neighbours scatter too: the median is that of walls
+        usual = float(np.median(variances[is_shown])) if is_shown.any() else sigma_rad**2
+        seen = replace(self, normals=normals)._of(np.isfinite(faced_base[:, 2]))
+        share = np.count_nonzero(is_shown) / max(len(is_shown), 1)
+        return seen, share * usual + (1.0 - share) * sigma_rad**2
+
+    def _of(self, is_kept: BoolArray) -> MetSurfaces:
+        """Those of (N,) kept."""
         return MetSurfaces(
-            self.points[is_so], self.normals[is_so], self.residuals_m[is_so], self.sigma_m[is_so],
-            self.weights[is_so],
+            self.points[is_kept], self.normals[is_kept], self.residuals_m[is_kept],
+            self.sigma_m[is_kept], self.weights[is_kept],
         )  # fmt: skip
 
 

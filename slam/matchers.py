@@ -150,6 +150,15 @@ def _on_wrong_map(match: ScanMatch, met: MetSurfaces) -> ScanMatch:
     return replace(match, information=information, repeated=min(max(share, _REPEATED), 1.0))
 
 
+def _less_chance(beams: Beams, information: FloatArray, variance_rad2: float) -> FloatArray:
+    """(3, 3) information without what normals wrong by chance, so far, seem to give."""
+    weight = information[0, 0] + information[1, 1]
+    lever_m2 = float(np.mean(np.sum(beams.points**2, axis=1)))
+    share = 3.0 * variance_rad2 * weight
+    values, directions = np.linalg.eigh(information - np.diag([share, share, share * lever_m2]))
+    return np.asarray((directions * np.maximum(values, 0.0)) @ directions.T)
+
+
 _NEAR_HEADINGS_RAD = (0.0, 0.175, -0.175, 0.35, -0.35)
 _NEAR_SHIFTS_M = ((0.0, 0.0), (0.2, 0.0), (-0.2, 0.0), (0.0, 0.2), (0.0, -0.2))
 
@@ -217,8 +226,7 @@ class FastMatcher:
             return match
         sure = self.sure_of(beams, found.information)
         if self.verdict.is_loose(sure):
-            met = MetSurfaces.of_points(beams, self.grid, self.laser.noise, found.T_map_base)
-            sure = self.sure_of(beams, met.that_face_as_seen(beams.middle_m).information())
+            sure = self.sure_as_seen(beams, found.T_map_base)
         if self.verdict.is_open(sure):
             held_information = self.verdict.held(sure)
             return replace(match, status=MatchStatus.DEGENERATE, information=held_information)
@@ -229,11 +237,19 @@ class FastMatcher:
 
     def sure_of(self, beams: Beams, information: FloatArray) -> FloatArray:
         """(3, 3) information without what normals that are wrong by chance seem to give."""
-        weight = information[0, 0] + information[1, 1]
-        lever_m2 = float(np.mean(np.sum(beams.points**2, axis=1)))
-        share = 3.0 * self.grid.normal_sigma_rad**2 * weight
-        values, directions = np.linalg.eigh(information - np.diag([share, share, share * lever_m2]))
-        return np.asarray((directions * np.maximum(values, 0.0)) @ directions.T)
+        return _less_chance(beams, information, self.grid.normal_sigma_rad**2)
+
+    def sure_as_seen(self, beams: Beams, T_map_base: SE2) -> FloatArray:
+        """(3, 3) information of those surfaces alone that the scan's own points show to face so.
+
+        Of fitted walls the scan's points also say better how each faces: the cells of a grid make
+        stairs of a slanted wall, which seem to hold a scan along it.
+        """
+        met = MetSurfaces.of_points(beams, self.grid, self.laser.noise, T_map_base)
+        if self.grid.is_exact:
+            return self.sure_of(beams, met.that_face_as_seen(beams.middle_m).information())
+        seen, variance_rad2 = met.facing_as_seen(beams.middle_m, self.grid.normal_sigma_rad)
+        return _less_chance(beams, seen.information(), variance_rad2)
 
     def nearest(self, beams: Beams, T_predicted: SE2) -> SurfelMatch:
         """The best of what the starts lead to; the predicted pose alone, where that is good."""
@@ -277,12 +293,14 @@ class LimitMatcher:
         fit = RangeFit(
             best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m, best.missing_ratio
         )
-        information = best.information
+        information = sure = best.information
         if not self.segment_map.is_exact:
-            information = self.fast.sure_of(beams, information)
-        status = self._status(best, information)
+            information = sure = self.fast.sure_of(beams, information)
+            if self.verdict.is_loose(sure):
+                sure = self.fast.sure_as_seen(beams, best.T_map_base)
+        status = self._status(best, sure)
         if status is MatchStatus.DEGENERATE:
-            information = self.verdict.held(information)
+            information = self.verdict.held(sure)
         match = ScanMatch(
             best.T_map_base,
             status,

@@ -33,9 +33,16 @@ def faced(points: FloatArray, seen_from: FloatArray, *, is_lone_told: bool = Tru
     is_lone_told: a point without neighbours, of which nothing is known, is taken to face the laser;
     else only where beams are too far apart for any.
     """
-    out = np.empty((len(points), 3))
-    facings_into(points, seen_from, _NEIGHBOURS_M, is_lone_told, out)
-    return out
+    return faced_and_variances(points, seen_from, is_lone_told=is_lone_told)[0]
+
+
+def faced_and_variances(
+    points: FloatArray, seen_from: FloatArray, *, is_lone_told: bool = True
+) -> tuple[FloatArray, FloatArray]:
+    """`faced`, and (N,) [rad2] how wrong each facing is, by how its neighbours scatter; inf: lone."""
+    out, variances = np.empty((len(points), 3)), np.empty(len(points))
+    facings_into(points, seen_from, _NEIGHBOURS_M, is_lone_told, out, variances)
+    return out, variances
 
 
 def moved(T: SE2, points: FloatArray) -> FloatArray:

@@ -20,13 +20,15 @@ def facings_into(
     reach_m: float,
     is_lone_told: bool,
     faced: FloatArray,
+    variances: FloatArray,
 ) -> None:
     """Into faced (N, 3): the points (N, 2) of a scan, in their order, and where their surface faces.
 
     That is the side of the line through a point's neighbours, within reach_m of it and up to
     _MOST_NEIGHBOURS to either side, on which the laser was, seen_from (2,); of a lone point, the way
     to the laser [rad]; nan where the laser saw along the line, and, unless is_lone_told, for points
-    that are lone because their surface is seen flat.
+    that are lone because their surface is seen flat. Into variances (N,): of that direction [rad2],
+    by how those neighbours scatter about their line; inf of a lone point.
     """
     for i in range(points.shape[0]):
         x, y = points[i, 0], points[i, 1]
@@ -49,9 +51,13 @@ def facings_into(
         n += 1.0
         cxx, cxy = sxx - sx * sx / n, sxy - sx * sy / n
         cyy = syy - sy * sy / n
+        variances[i] = math.inf
         to_x, to_y = seen_from[0] - x, seen_from[1] - y
         if n >= 3.0:
             along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+            reaching = 0.5 * (cxx + cyy) + math.hypot(0.5 * (cxx - cyy), cxy)
+            if reaching > 0.0:
+                variances[i] = max(cxx + cyy - reaching, 0.0) / ((n - 2.0) * reaching)
             nx, ny = -math.sin(along), math.cos(along)
             off = nx * to_x + ny * to_y
             if abs(off) < _GRAZED_M:

@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 
+from slam.known_map import KnownMap
 from slam.localization import LocalizerConfig
 from slam.measurements import Measurement
 from slam.observability import held
+from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.point_map import PointMap
 from slam.scan_match import MatchStatus
 from slam.se2 import SE2
@@ -132,6 +134,60 @@ def test_variance_along_the_corridor_grows_with_the_way_and_shrinks_across(name,
     assert along[0] > 0.1
     # 481 beams of 10 mm: below 2 mm at once, and one scan after the other less
     assert across[-1] < 0.002
+
+
+def turned(turn, segments):
+    """Walls (S, 2, 2), each moved so."""
+    return (turn @ segments.reshape(-1, 2)).reshape(-1, 2, 2)
+
+
+def known_grid(segments, turn, lower_m, upper_m):
+    """The occupancy grid, cells of 5 cm, of walls about a rectangle that is free, moved so."""
+    points = turn @ sampled(segments, 0.01)
+    corner_m = points.min(axis=0) - 0.5
+    columns, rows = np.ceil((points.max(axis=0) + 0.5 - corner_m) / 0.05).astype(int)
+    cells = np.full((rows, columns), UNKNOWN, dtype=np.int8)
+    y, x = np.mgrid[:rows, :columns]
+    centres = corner_m + 0.05 * (np.column_stack([x.ravel(), y.ravel()]) + 0.5)
+    inside = turn.inverse() @ centres
+    is_free = ((inside > lower_m) & (inside < upper_m)).all(axis=1)
+    cells[is_free.reshape(rows, columns)] = FREE
+    at = np.floor((points - corner_m) / 0.05).astype(int)
+    cells[at[:, 1], at[:, 0]] = OCCUPIED
+    return KnownMap.of_grid(OccupancyGrid(cells, 0.05, SE2(*corner_m, 0.0)))
+
+
+@pytest.mark.parametrize("heading", [0.06, 0.1, 0.14])
+def test_stairs_that_cells_make_of_a_slanted_wall_hold_nothing_along_it(heading):
+    turn = SE2(0.3, 0.7, heading)
+    known = known_grid(CORRIDOR, turn, (-15.0, -0.97), (15.0, 0.97))
+    for name in ("fast", "limit"):
+        rng, true = np.random.default_rng(7), turn @ SE2(0.0, -0.1, 0.05)
+        robot = localizer(name, known.matcher(name), true, LASER)
+        for i in range(8):
+            scan = scan_of(turned(turn, CORRIDOR), true @ LASER, rng, SIGMA_M, range_max_m=8.0)
+            # wheels that tell twice and a half what was driven: 4 cm off in each step
+            step = SE2(0.075, 0.0, 0.0) if i else SE2.identity()
+            estimate = robot.update(Measurement(0.1 * i, step, scan))
+            assert estimate.match.status is MatchStatus.DEGENERATE
+            true = true @ SE2(0.03, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("name", ["fast", "limit"])
+@pytest.mark.parametrize("beam_count", [481, 60, 24])
+def test_ends_of_a_slanted_corridor_on_a_grid_hold_the_way_along_it(name, beam_count):
+    walls = np.concatenate([CORRIDOR, [[[4.0, -1.0], [4.0, 1.0]]]])
+    turn = SE2(0.3, 0.7, 0.1)
+    known = known_grid(walls, turn, (-15.0, -0.97), (3.97, 0.97))
+    true = turn @ SE2(0.5, -0.1, 0.05)
+    rng, angles_rad = np.random.default_rng(7), np.linspace(-2.1, 2.1, beam_count)
+    scan = scan_of(turned(turn, walls), true @ LASER, rng, SIGMA_M, angles_rad, 8.0)
+    robot = localizer(name, known.matcher(name), true @ SE2(0.05, 0.03, 0.02), LASER)
+    estimate = robot.update(Measurement(0.0, SE2.identity(), scan))
+    assert estimate.match.status is MatchStatus.MATCHED
+    off = true.inverse() @ estimate.T_map_base
+    # a third of a cell
+    assert math.hypot(off.x, off.y) < 0.017
 
 
 @pytest.mark.parametrize("name", BLIND)
