@@ -60,7 +60,8 @@ RANKS = (
     | {"surfels", "map_files", "pose_lookup"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
-    | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"},
+    | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"}
+    | {"match_verdict"},
     {
         "relocalization",
         "hypotheses",

@@ -8,7 +8,8 @@ import pytest
 
 from slam.beams import Beams
 from slam.localization import Estimate, Localizer, LocalizerConfig
-from slam.matchers import Matcher, VerdictConfig
+from slam.match_verdict import VerdictConfig
+from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
