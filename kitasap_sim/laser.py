@@ -171,7 +171,7 @@ def _mix_pixels(
     is_edge &= chosen[:-1] < spec.mixed_pixel_rate
     # few: one by one is faster than a dozen calls for all. Backwards: of two edges that share a beam
     # the one before it tells
-    for edge in np.flatnonzero(is_edge)[::-1].tolist():
+    for edge in is_edge.nonzero()[0][::-1].tolist():
         if abs(step_m[edge]) < _NOWHERE_M / 2:
             beam = edge + (chosen[edge] >= spec.mixed_pixel_rate / 2)
             ranges_m[beam] = hits_m[edge] + share[edge] * step_m[edge]

@@ -89,7 +89,7 @@ class Simulation:
         self._base = self.model.body(names.BASE).id
         self._qpos = self.model.joint(names.BASE).qposadr[0]
         self._qvel = self.model.joint(names.BASE).dofadr[0]
-        self._wheel_qpos = np.array([self.model.joint(name).qposadr[0] for name in names.WHEELS])
+        self._wheel_qpos = [int(self.model.joint(name).qposadr[0]) for name in names.WHEELS]
         self._actuators = [self.model.actuator(name).id for name in names.WHEELS]
         self._find_beams()
         self._people: People | None = None
@@ -133,7 +133,9 @@ class Simulation:
 
     def drive_wheels(self, speeds_radps: np.ndarray) -> None:
         """Commands wheel speeds (2,), left and right [rad/s]; the motors' torque is limited."""
-        self.data.ctrl[self._actuators] = speeds_radps
+        # one by one: an index array costs more than all else here, and GoTo's step a hundredth
+        left, right = self._actuators
+        self.data.ctrl[left], self.data.ctrl[right] = speeds_radps
 
     def step(self) -> SensorFrame | None:
         """One physics step; the frame of the sweep that this step completed, if it did."""
@@ -171,7 +173,8 @@ class Simulation:
 
     def wheel_ticks(self) -> np.ndarray:
         """(2,) what the left and the right encoder read now."""
-        angles_rad = self.data.qpos[self._wheel_qpos].tolist()
+        left, right = self._wheel_qpos
+        angles_rad = float(self.data.qpos[left]), float(self.data.qpos[right])
         return encoders.ticks(angles_rad, KITASAP2.ticks_per_turn)
 
     def truth(self) -> Truth:

@@ -99,17 +99,18 @@ class ExploreEnv(KitasapEnv):
         least, most = self._place
         if not (least <= at.real < most[0] and least <= at.imag < most[1]):
             return  # out of the place altogether
-        cells = (
-            np.complex64(at)
-            + np.complex64(turn) * self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
-        )
+        probes = self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
+        probes *= np.complex64(turn)
+        probes += np.complex64(at)
         # none below 0: column, row, column, row
-        cells = cells.view(np.float32).astype(np.int32)
-        passed = cells[::2] * self._rows + cells[1::2]
-        passed = passed[self._is_left[passed]]
+        cells = probes.view(np.float32).astype(np.int32)
+        passed = cells[::2]
+        passed *= self._rows
+        passed += cells[1::2]
+        passed = passed[self._is_left.take(passed)]
         if passed.size:
             self._is_left[passed] = False
-            self._count = self._to_see - int(np.count_nonzero(self._is_left))
+            self._count += len(set(passed.tolist()))
 
     def _told(self) -> dict[str, Any]:
         return {
