@@ -29,18 +29,23 @@ def wide_console() -> Console:
 
 def title_of(experiment: str, poses: str) -> str:
     """What an experiment is, as it stands above its tables and figures."""
+    if experiment == "localization" and poses != "paper":
+        return "The robot stands, anywhere in the free space"
     return TITLES.get(f"{experiment} {poses}", TITLES[experiment])
 
 
-def summary_table(summary: dict[str, Any], poses: str) -> Table:
-    """Ours beside the paper's: errors over the successes, success over all trials."""
+def summary_table(summary: dict[str, Any], poses: str, where: str) -> Table:
+    """Ours beside the paper's: errors over the successes, success over all trials.
+
+    where: the place and the laser, in words.
+    """
     if summary["experiment"] == "mapping":
-        return _mapping_table(summary, poses)
+        return _mapping_table(summary, poses, where)
     methods, trials = summary["methods"], summary["samples"]
     raised = next(iter(methods.values()))["raised"]
     trials += raised  # they count as failures of all methods
     table = Table(
-        title=f"{title_of(summary['experiment'], poses)}\n{_counted(summary)}, {poses} poses",
+        title=f"{title_of(summary['experiment'], poses)}\n{where}, {_counted(summary)}, {poses} poses",
         caption="X | Y. Success: within 5 cm and 2 degrees, and not disowned by the method. "
         "Errors over the successes.",
         box=box.SIMPLE_HEAD,
@@ -80,10 +85,10 @@ def summary_table(summary: dict[str, Any], poses: str) -> Table:
     return table
 
 
-def _mapping_table(summary: dict[str, Any], poses: str) -> Table:
+def _mapping_table(summary: dict[str, Any], poses: str, where: str) -> Table:
     methods, trials = summary["methods"], summary["trials"]
     table = Table(
-        title=f"{title_of('mapping', poses)}\n{trials} trials, {poses} way",
+        title=f"{title_of('mapping', poses)}\n{where}, {trials} trials, {poses} way",
         caption="Success: ATE at most 5 cm, precision and recall at least 0.99 at 5 cm, and not called"
         " failed. The paper: it 'occasionally failed in mapping'.",
         box=box.SIMPLE_HEAD,

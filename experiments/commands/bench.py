@@ -81,6 +81,18 @@ def mapping(
 
 
 @app.command()
+def wheels(
+    log: Log,
+    repeats: Annotated[int, typer.Option(min=2, help="Maps by either wheels.")] = 6,
+    seed: Seed = 0,
+) -> None:
+    """Whether wheels calibrated from the drive make a log of encoder ticks a sharper map."""
+    from experiments.bench.wheels import print_benchmark
+
+    print_benchmark(log, repeats, seed)
+
+
+@app.command()
 def env(
     place: Annotated[
         str, typer.Option(help="A place's name or MJCF file, or 'random'.")

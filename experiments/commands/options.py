@@ -12,16 +12,22 @@ Poses = Annotated[
         " anywhere: kidnapped to anywhere."
     ),
 ]
-PlaceName = Annotated[str, typer.Option(help="A place by name, or the path of an MJCF file.")]
+_PLACES = "room_fig4, place_fig6, round_room or symmetric_room, or the path of an MJCF file"
+PlaceName = Annotated[str, typer.Option(help=f"{_PLACES}.")]
 TrialPlace = Annotated[
     str | None,
     typer.Option(
         "--place",
-        help="A place by name, or the path of an MJCF file; default: room_fig4, of mapping"
-        " place_fig6.",
+        help=f"{_PLACES}; default: room_fig4, of mapping place_fig6.",
     ),
 ]
-Laser = Annotated[str, typer.Option(help="The laser range sensor carried.")]
+Laser = Annotated[
+    str,
+    typer.Option(
+        help="The laser range sensor carried: urg_04lx, utm_30lx, ust_10lx, lms200, lms1xx, tim571,"
+        " rplidar_a1, rplidar_a2 or ld06."
+    ),
+]
 Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
 Methods = Annotated[
     str | None,

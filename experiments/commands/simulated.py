@@ -219,7 +219,8 @@ def _executed(run: "Run", jobs: int | None) -> dict:
             records[index] = record
 
         summary = run.execute(jobs or os.cpu_count() or 1, on_trial, progress.compiling)
-    console.print(summary_table(summary, run.config.poses))
+    where = f"{Path(run.config.place).stem}, {run.config.laser}"
+    console.print(summary_table(summary, run.config.poses, where))
     with console.status("drawing figures"):
         _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
         run_figures(run.folder)

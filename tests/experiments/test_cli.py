@@ -1,7 +1,12 @@
 """The command: whatever is wrong, one line says so and the status is 2."""
 
+from pathlib import Path
+
 import pytest
 
+import models
+from experiments.cli import main
+from kitasap_sim.laser import LASERS
 from tests.experiments.refusals import refusal
 
 WALL_BELOW_THE_START = """
@@ -141,3 +146,10 @@ def test_missing_system_library_is_said_before_the_first_trial(monkeypatch, caps
     line = refusal(capsys, "run", "localization", "--out", tmp_path / "out")
     assert line == "Open3D needs the system library libGL.so: apt-get install libgl1"
     assert not (tmp_path / "out").exists()
+
+
+def test_help_names_every_laser_and_place(capsys):
+    assert main(["run", "--help"]) == 0
+    said = capsys.readouterr().out
+    assert all(name in said for name in LASERS)
+    assert all(path.stem in said for path in Path(models.__file__).parent.glob("places/*.xml"))

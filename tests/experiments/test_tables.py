@@ -19,7 +19,7 @@ def rendered(experiment: str, records: list[dict]) -> list[str]:
     }
     console = Console(width=140)
     with console.capture() as capture:
-        console.print(summary_table(summary, "random"))
+        console.print(summary_table(summary, "random", "room_fig4, urg_04lx"))
     return capture.get().splitlines()
 
 
@@ -63,6 +63,12 @@ def test_nearly_all_is_not_called_all():
     assert cells(lines, "95 % interval") == ["-", "97.2%", "to", "99.9%"]
 
 
+def test_table_says_where_its_trials_were():
+    assert any("room_fig4, urg_04lx, 1 trials" in line for line in rendered("kidnap", [RAISED]))
+
+
 def test_title_says_what_was_done():
+    assert "(paper, Table 1)" in title_of("localization", "paper")
+    assert "(paper" not in title_of("localization", "random")
     assert "moved -1 m in y" in title_of("kidnap", "paper")
     assert "anywhere, any heading" in title_of("kidnap", "anywhere")
