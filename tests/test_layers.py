@@ -21,6 +21,7 @@ MAY_IMPORT = {
     },
 }
 ONLY_IN = {
+    "kitasap_sim/env/kernels.py": {"numba"},
     "slam/map_files.py": {"PIL", "yaml"},
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
     "experiments/figures/against_bound.py": {"matplotlib"},

@@ -7,6 +7,7 @@ import numpy as np
 
 from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv
 from kitasap_sim.env.checks import number_between
+from kitasap_sim.env.kernels import see
 
 _CELL_M = 0.1
 """Of what is counted as seen; chosen."""
@@ -55,28 +56,18 @@ class ExploreEnv(KitasapEnv):
         """Raises ValueError, naming the keyword, for a value that makes no sense."""
         super().__init__(render_mode, **keywords)
         self._share = number_between(share, 1e-6, 1.0, "share")
-        x, y, _ = self.laser.mount_m
-        self._mount_m = x + 1j * y
-        self._probes_m = np.arange(_CELL_M / 2.0, self._range_m, _CELL_M)
-        # where each beam is looked at, in cells, as complex numbers: seen from the laser
-        along = np.exp(1j * self.laser.angles_rad)
-        self._fan = (along[:, np.newaxis] * self._probes_m / _CELL_M).astype(np.complex64)
+        self._angles_rad = self.laser.angles_rad
+        self._mount_m = self.laser.mount_m[:2]
 
     def _begin(self, options: dict[str, Any]) -> np.ndarray:
         pose = self._checked_pose(options, "pose")
         return self.place.draw_free_pose(self.np_random) if pose is None else pose
 
     def _started(self) -> None:
-        is_open, origin_m = self.place.open_cells(_CELL_M)
-        is_open = _in_view(is_open, (self.place.free_centres_m - origin_m) / _CELL_M, self._range_m)
-        # a border, as wide as beams reach: those that leave the place count nothing there
-        border = math.ceil(self._range_m / _CELL_M) + 2
-        self._place = border - 1, np.array(is_open.shape) + border
-        is_open = np.pad(is_open, border)
-        self._rows = is_open.shape[1]
-        self._origin = complex(*(origin_m - border * _CELL_M).tolist())
-        self._is_left = is_open.ravel().copy()
-        self._to_see = max(int(np.count_nonzero(is_open)), 1)
+        is_open, self._origin_m = self.place.open_cells(_CELL_M)
+        spots = (self.place.free_centres_m - self._origin_m) / _CELL_M
+        self._is_left = _in_view(is_open, spots, self._range_m)
+        self._to_see = max(int(np.count_nonzero(self._is_left)), 1)
         self._count = 0
         self._look()
 
@@ -94,23 +85,14 @@ class ExploreEnv(KitasapEnv):
     def _look(self) -> None:
         """Counts the cells that the beams go through now."""
         x, y, theta = self._pose.tolist()
-        turn = complex(math.cos(theta), math.sin(theta))
-        at = ((x + 1j * y) + turn * self._mount_m - self._origin) / _CELL_M
-        least, most = self._place
-        if not (least <= at.real < most[0] and least <= at.imag < most[1]):
-            return  # out of the place altogether
-        probes = self._fan[self._probes_m < self._ranges_m[:, np.newaxis]]
-        probes *= np.complex64(turn)
-        probes += np.complex64(at)
-        # none below 0: column, row, column, row
-        cells = probes.view(np.float32).astype(np.int32)
-        passed = cells[::2]
-        passed *= self._rows
-        passed += cells[1::2]
-        passed = passed[self._is_left.take(passed)]
-        if passed.size:
-            self._is_left[passed] = False
-            self._count += len(set(passed.tolist()))
+        (mount_x, mount_y), (x0, y0) = self._mount_m, self._origin_m
+        c, s = math.cos(theta), math.sin(theta)
+        row = (x + c * mount_x - s * mount_y - x0) / _CELL_M
+        column = (y + s * mount_x + c * mount_y - y0) / _CELL_M
+        self._count += see(
+            self._is_left, (row, column, theta), self._angles_rad, self._ranges_m / _CELL_M,
+            self._range_m / _CELL_M,
+        )  # fmt: skip
 
     def _told(self) -> dict[str, Any]:
         return {
