@@ -17,6 +17,18 @@ other way round. Chosen, as the turns [rad] that it takes to say so."""
 _TURNED = 2.0 * math.pi
 
 
+_ALIKE = 0.72
+"""Way by scans per way by wheels, or the other way round, below which units are not those that were
+told. Chosen: ranges halved give 0.69, since the wheels hold against them; wheels are seldom wrong by
+a quarter."""
+_FAR_M = 20.0
+"""Of the wheels, that it takes to say so."""
+_JUMP_M = 2.0
+"""Of one step; chosen: farther, odometry has jumped, or scans are too far apart."""
+_KNOWN_M = 0.3
+"""Of a step's own standard deviation; chosen: more, and nothing measured it."""
+
+
 class DriveMonitor:
     """Follows what scans and wheels of one session tell, scan by scan.
 
@@ -26,28 +38,59 @@ class DriveMonitor:
     def __init__(self, most_blind_m: float) -> None:
         self._most_blind_m = most_blind_m
         self._turned_together = self._turned_by_wheels = 0.0
+        self._way_m = self._way_by_wheels_m = 0.0
         self._unknown_m2 = 0.0
+        self._along_m2, self._along_from_s = 0.0, 0.0
+        self._worst_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def take(self, measurement: Measurement, T_before: SE2, step: FrontEndStep) -> None:
         """Notes a scan; T_before: where the front end had placed the one before it."""
-        self._unknown_m2 += float(measurement.motion_covariance[0, 0])
-        if _tells(step):
-            self._unknown_m2 = 0.0
+        variance_m2 = float(measurement.motion_covariance[0, 0])
+        self._unknown_m2 = 0.0 if _tells(step) else self._unknown_m2 + variance_m2
+        self._take_along(step, variance_m2)
         if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
-            turn_rad = (T_before.inverse() @ step.T_map_base).theta
-            self._turned_together += math.copysign(1.0, measurement.motion.theta) * turn_rad
+            moved = T_before.inverse() @ step.T_map_base
+            self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
+            way_m = math.hypot(measurement.motion.x, measurement.motion.y)
+            if 0.0 < way_m < _JUMP_M and not step.is_open and variance_m2 < _KNOWN_M**2:
+                along = moved.x * measurement.motion.x + moved.y * measurement.motion.y
+                self._way_m += along / way_m
+                self._way_by_wheels_m += way_m
+
+    def _take_along(self, step: FrontEndStep, variance_m2: float) -> None:
+        """How far nobody knows the robot went along what its scans leave open."""
+        if _tells(step) and not step.is_open:
+            self._along_m2, self._along_from_s = 0.0, step.time_s
+            return
+        self._along_m2 += variance_m2
+        self._worst_along = max(
+            self._worst_along, (self._along_m2, self._along_from_s, step.time_s)
+        )
 
     def objections(self, steps: Sequence[FrontEndStep]) -> list[str]:
         """In words, why the map of all these scans, of this session and those before, is no good."""
         said = blind_stretches(steps, self._most_blind_m)
+        worst_m2, from_s, to_s = self._worst_along
         if self._unknown_m2 > self._most_blind_m**2:
             said.append("neither scans nor wheels tell where the robot is at the end")
+        elif worst_m2 > self._most_blind_m**2:
+            said.append(
+                f"from {from_s:.2f} to {to_s:.2f} s neither scans nor wheels tell how far the robot"
+                " went: walls along its way look the same all along"
+            )
         is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
         if is_mirrored and self._turned_by_wheels > _TURNED:
             said.append(
                 "the scans turn the other way round than the wheels: the map may be mirrored"
                 " (is the laser mounted upside down, or a wheel's sign wrong?)"
+            )
+        way_m, by_wheels_m = self._way_m, self._way_by_wheels_m
+        is_alike = by_wheels_m * _ALIKE < way_m and way_m * _ALIKE < by_wheels_m
+        if by_wheels_m > _FAR_M and not is_alike:
+            said.append(
+                f"where the wheels went {by_wheels_m:.0f} m the scans went {way_m:.0f} m: one of them"
+                " may be in other units (ranges and poses are metres, angles radians)"
             )
         return said
 
@@ -56,7 +99,7 @@ def blind_stretches(steps: Sequence[FrontEndStep], most_blind_m: float) -> list[
     """In words, where sessions began or ended blind for more than so far: the wheels alone say where
     the robot went. Between two scans that tell something the front end breaks off by itself."""
     said = []
-    if steps and not any(step.is_keyframe for step in steps):
+    if not any(step.is_keyframe for step in steps):
         said.append("no scan tells anything: there is nothing on the map")
     for session in sorted({step.session for step in steps}):
         own = [step for step in steps if step.session == session]

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray, IntArray
 from slam.contradictions import passed
+from slam.driven_through import driven_through
 from slam.front_end import Keyframe
 from slam.loop_closing import Loop
 from slam.se2 import SE2
@@ -27,7 +28,9 @@ class ConsistencyConfig:
     most_pairs: looked at. most_passed: share of the points in view, over all pairs, that another
     scan's beams went through, by margins [m] and as a share, and aside_m to either side: along a
     wall, a beam misses it by a hair where poses are right. bad_pair: a pair in which so many were,
-    most_bad_pairs: share of such pairs; from doubtful_pairs on, more loops may help. beside: so few
+    most_bad_pairs: share of such pairs; from doubtful_pairs on, more loops may help. most_through,
+    most_walls: scans that saw something on the way that the robot drove, and those in which it was
+    no closed door; two at most on four real logs, ten and more on wrong maps. beside: so few
     keyframes off, one loop says what another does. most_rejected: share of the loops that the others
     contradict. Chosen on maps of five buildings and on the same maps with errors put in.
     """
@@ -39,6 +42,8 @@ class ConsistencyConfig:
     bad_pair: float = 0.25
     most_bad_pairs: float = 0.02
     doubtful_pairs: float = 0.0075
+    most_through: int = 14
+    most_walls: int = 5
     beside: int = 10
     most_rejected: float = 0.35
     margins: tuple[float, float] = (0.25, 0.03)
@@ -77,7 +82,7 @@ def judged(
     """The verdict on a map of keyframes at poses (K, 3), with the loops that were kept and not."""
     config = config or ConsistencyConfig()
     passed_ratio, bad_pairs, pairs = _contradicted(keyframes, poses, _near(poses, config), config)
-    reasons = _torn(keyframes, loops)
+    reasons = [*_torn(keyframes, loops), *_drove_through(keyframes, poses, config)]
     if passed_ratio > config.most_passed:
         reasons.append(f"{100 * passed_ratio:.0f} % of what scans saw is where others saw nothing")
     if bad_pairs > config.most_bad_pairs:
@@ -163,6 +168,24 @@ def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> list[str]:
                 " what was before"
             )
     return reasons
+
+
+def _drove_through(
+    keyframes: Sequence[Keyframe], poses: FloatArray, config: ConsistencyConfig
+) -> list[str]:
+    """Where the robot drove through what many scans saw."""
+    found = [
+        one
+        for one in driven_through(keyframes, poses)
+        if one.scans > config.most_through or one.walls > config.most_walls
+    ]
+    if not found:
+        return []
+    worst = max(found, key=lambda one: (one.scans, one.walls))
+    return [
+        f"the robot drove through a wall at {keyframes[worst.keyframe].time_s:.2f} s, which"
+        f" {worst.scans} scans saw there"
+    ]
 
 
 def _pieces(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> tuple[list[int], list[int]]:

@@ -17,6 +17,7 @@ from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
+from slam.slam_map_checks import check_arrays
 from slam.views import Glance
 from slam.whole_files import write_whole
 
@@ -93,7 +94,7 @@ def read_slam_map(path: str | Path) -> SlamMap:
         arrays["glance_counts"] = np.zeros(len(arrays["keyframe_times_s"]), np.int64)
         arrays |= dict.fromkeys(_GLANCES, np.zeros(0, np.int64))
     try:
-        _check(arrays)
+        check_arrays(arrays, len(_STATUSES))
         return _map_of(arrays)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise ValueError(f"{path.name}: the arrays in it do not make a map ({error})") from None
@@ -145,22 +146,6 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
     }
 
 
-def _check(arrays: _Arrays) -> None:
-    """Raises ValueError for numbers that no map has, so that they are not taken for places."""
-    for name in ("poses", "keyframe_poses", "keyframe_ways", "keyframe_covariances", "points",
-                 "loop_ways", "loop_information", "step_ways", "step_poses", "glance_ways"):  # fmt: skip
-        if not np.isfinite(arrays[name]).all():
-            raise ValueError(f"{name} are not finite")
-    count = len(arrays["keyframe_times_s"])
-    if not ((arrays["step_keyframes"] >= -1) & (arrays["step_keyframes"] < count)).all():
-        raise ValueError(f"scans are seen from keyframes that are not among the {count}")
-    for name in ("keyframe_sessions", "step_sessions"):
-        sessions = arrays[name]
-        most = len(arrays["step_times_s"])
-        if (np.diff(sessions, prepend=0) < 0).any() or sessions.max(initial=0) > most:
-            raise ValueError(f"{name} do not count up from 0")
-
-
 def _map_of(arrays: _Arrays) -> SlamMap:
     points = _split(arrays["points"], arrays["point_counts"])
     beams = [
@@ -208,8 +193,6 @@ def _map_of(arrays: _Arrays) -> SlamMap:
         tuple(str(reason) for reason in arrays["verdict_reasons"]),
     )  # fmt: skip
     poses = arrays["poses"]
-    if poses.shape != (len(keyframes), 3):
-        raise ValueError(f"{len(keyframes)} keyframes with poses of shape {poses.shape}")
     graph = graph_of(keyframes, loops, poses)
     return SlamMap(keyframes, poses, loops[:kept], loops[kept:], graph, steps, verdict)
 

@@ -96,6 +96,20 @@ class SurfaceMatch:
         """(3, 3) of the pose."""
         return inverse_of(self.joined)
 
+    @property
+    def least_facing(self) -> float:
+        """Share of what the scan tells of its place, along the direction of which it tells least;
+        half, where surfaces face every way; none, between two walls that run along."""
+        information = self.information
+        total = information[0, 0] + information[1, 1]
+        if not (total > 0.0 and information[2, 2] > 0.0):
+            return 0.0
+        x, y = information[0, 2], information[1, 2]
+        xx = information[0, 0] - x * x / information[2, 2]
+        yy = information[1, 1] - y * y / information[2, 2]
+        xy = information[0, 1] - x * y / information[2, 2]
+        return float((0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)) / total)
+
 
 class SurfaceMap:
     """Surfaces of points that come and go; on a torus of cells, so that it may roll along.

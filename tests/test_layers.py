@@ -62,7 +62,7 @@ RANKS = (
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
     | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"}
-    | {"match_verdict"},
+    | {"match_verdict", "slam_map_checks"},
     {
         "relocalization",
         "hypotheses",
@@ -79,6 +79,7 @@ RANKS = (
         "lost",
         "front_end",
         "contradictions",
+        "driven_through",
         "icp_mapping",
         "loop_closing",
         "surfaces",

@@ -1,5 +1,6 @@
 """Mapping a ring of corridors: the loop is closed, and what went wrong is said."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from slam.beams import Beams
 from slam.contradictions import passed
+from slam.driven_through import driven_through
 from slam.front_end import StepStatus
 from slam.loop_closing import LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, MapVerdict, acquitted, judged
@@ -18,6 +20,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from tests.slam import ring
 from tests.slam.logs import shared_log
+from tests.slam.synthetic import box, room
 
 
 def mapped(measurements) -> SlamMap:
@@ -183,6 +186,76 @@ def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(pose
     found = mapped([replace(one, time_s=0.2 * k) for k, one in enumerate(measurements)])
     assert not found.verdict.is_good
     assert any("where others saw nothing" in reason for reason in found.verdict.reasons)
+
+
+def test_robot_that_pauses_is_where_it_was_if_its_scan_says_so(poses):
+    # half a minute without a scan or a turn of the wheels; it goes on where it stood, or a corner on
+    before = ring.drive(poses[:80], np.random.default_rng(4))
+    for first, status in ((80, StepStatus.MATCHED), (105, StepStatus.BROKEN)):
+        after = ring.drive(poses[first : first + 40], np.random.default_rng(3))
+        times_s = [0.2 * k for k in range(80)] + [46.0 + 0.2 * k for k in range(40)]
+        drive = [
+            replace(one, time_s=time_s) for one, time_s in zip(before + after, times_s, strict=True)
+        ]
+        assert mapped(drive).steps[80].status is status
+    assert not mapped(drive).verdict.is_good
+
+
+ENDLESS = np.array([[[-50.0, 1.2], [50.0, 1.2]], [[-50.0, -1.2], [50.0, -1.2]]])
+
+
+def test_corridor_without_wheels_and_without_an_end_in_reach_is_called_failed():
+    poses = [SE2(0.1 * k, 0.0, 0.0) for k in range(120)]
+    told = ring.drive(poses, np.random.default_rng(2), walls=ENDLESS)
+    assert mapped(told).verdict.is_good
+    scans_alone = [
+        replace(one, motion=SE2.identity(), motion_covariance=0.25 * np.eye(3)) for one in told
+    ]
+    (reason,) = mapped(scans_alone).verdict.reasons
+    assert "neither scans nor wheels tell how far the robot went" in reason
+
+
+@pytest.mark.parametrize(("scale", "is_good"), [(0.5, False), (2.0, False), (1.15, True)])
+def test_ranges_in_other_units_than_the_wheels_are_told(poses, scale, is_good):
+    told = [
+        replace(one, scan=replace(one.scan, ranges_m=scale * one.scan.ranges_m))
+        for one in ring.drive(poses[:250], np.random.default_rng(2), 1.0, 1.0)
+    ]
+    reasons = mapped(told).verdict.reasons
+    assert any("may be in other units" in reason for reason in reasons) is not is_good
+
+
+def test_map_on_which_the_robot_drove_through_a_wall_is_called_failed(slam_map):
+    assert driven_through(slam_map.keyframes, slam_map.poses) == []
+    # wheels that told the end of the first corridor 4 m longer than scans from afar had seen it
+    long = slam_map.poses.copy()
+    turn = next(k for k, pose in enumerate(long) if pose[1] > 1.0)
+    long[:, 0] += 4.0 * np.clip((np.arange(len(long)) - turn + 20) / 16.0, 0.0, 1.0)
+    found = driven_through(slam_map.keyframes, long)
+    assert max(one.scans for one in found) > 9
+    verdict = judged(slam_map.keyframes, long, (), ())
+    assert any("drove through a wall" in reason for reason in verdict.reasons)
+
+
+def test_door_that_was_opened_for_the_robot_is_no_wall():
+    halls = np.concatenate([room(-3.0, -7.0, 3.0, 0.0), room(-3.0, 0.0, 3.0, 7.0)])
+    is_between = (halls[:, :, 1] == 0.0).all(axis=1)
+    beside = np.array([[[-3.0, 0.0], [-0.45, 0.0]], [[0.45, 0.0], [3.0, 0.0]]])
+    opened = np.concatenate([halls[~is_between], beside, box(1.0, 3.0, 1.5, 3.5)])
+    closed = np.concatenate([opened, [[[-0.45, 0.0], [0.45, 0.0]]]])
+    poses = [SE2(0.0, -6.0 + 0.1 * k, math.pi / 2) for k in range(100)]
+    before = ring.drive(poses[:35], np.random.default_rng(2), 1.0, 1.0, closed)
+    after = ring.drive(poses[34:], np.random.default_rng(3), 1.0, 1.0, opened)[1:]
+    drive = [replace(one, time_s=0.2 * k) for k, one in enumerate([*before, *after])]
+    found = mapped(drive)
+    through = driven_through(found.keyframes, found.poses)
+    assert max(one.scans for one in through) > 5
+    assert max(one.walls for one in through) == 0
+    assert found.verdict.is_good
+
+
+def test_map_of_no_scan_at_all_is_called_failed():
+    assert not Mapper(ring.T_BASE_LASER).finish().verdict.is_good
 
 
 def test_loop_farther_off_than_was_searched_is_another_place(slam_map):

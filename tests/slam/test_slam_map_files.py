@@ -121,6 +121,18 @@ def test_file_with_one_byte_changed_is_refused_or_read_as_it_was(slam_map, tmp_p
         ("poses", np.nan),
         ("step_keyframes", 10**6),
         ("step_sessions", -1),
+        ("keyframe_times_s", np.nan),
+        ("beam_origins_m", np.nan),
+        ("beam_angles_rad", np.inf),
+        ("points", np.zeros((3, 1))),
+        ("point_counts", -1),
+        ("poses", 1e300),
+        ("keyframe_covariances", -1.0),
+        ("loop_ends", 10**6),
+        ("loop_ends", np.full((1, 2), 5)),
+        ("loops_kept", np.array(-5)),
+        ("step_statuses", -1),
+        ("verdict", np.zeros(2)),
     ],
 )
 def test_file_whose_arrays_make_no_map_is_refused_by_name(slam_map, tmp_path, name, value):
