@@ -25,8 +25,9 @@ class OnlinePoses:
     """online.tum in a folder: the pose of each scan as it was when the scan had arrived, a line each,
     there to be read (`tail -f`) before the next scan is looked at.
 
-    A log that is mapped twice, by other wheels, leaves the poses of the second time. Raises OSError if
-    it cannot write.
+    A log that is mapped twice, by other wheels, leaves the poses of the second time. With the first of
+    them summary.json is taken away, which is written last: a folder without it is not finished,
+    whatever lies there of another log. Raises OSError if it cannot write.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -45,6 +46,7 @@ class OnlinePoses:
         if index == 0 or self._file is None:
             self.__exit__()
             self._path.parent.mkdir(parents=True, exist_ok=True)
+            (self._path.parent / "summary.json").unlink(missing_ok=True)
             self._file = self._path.open("w", encoding="utf-8")
             self._file.write(TUM_HEADER + "\n")
         pose = Trajectory(np.array([step.time_s]), step.T_map_base.as_array()[np.newaxis])

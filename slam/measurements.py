@@ -17,7 +17,7 @@ _LONGEST_SWEEP_S = 10.0
 """Chosen: no laser takes as long; a beam time farther off its stamp is no time."""
 _ASSUMED_DRIVE = DifferentialDrive((0.5 / math.pi, 0.5 / math.pi), track_m=0.3, ticks_per_turn=1.0)
 """Where only a motion is known: the track of which `OdometryNoise` speaks; its ticks are metres."""
-_LATEST_S = 1e12
+LATEST_S = 1e12
 """Thirty thousand years; nanoseconds since 1970 are a million times as many."""
 _SAME_BEAMS = 0.9
 """Chosen: of the beams of two scans, those with a range in both; each of these must be the same."""
@@ -133,11 +133,11 @@ class Measurement:
 
 def check_stamped(what: str, time_s: float, pose: SE2) -> None:
     """Raises ValueError, in one line, for a stamp, a pose or a motion that no robot can have."""
-    if not abs(time_s) <= _LATEST_S:
+    if not abs(time_s) <= LATEST_S:
         raise ValueError(
             f"time_s must be finite, not {time_s}"
             if not math.isfinite(time_s)
-            else f"time_s must be seconds, at most {_LATEST_S:g}, not {time_s}"
+            else f"time_s must be seconds, at most {LATEST_S:g}, not {time_s}"
         )
     if not np.isfinite(pose.as_array()).all():
         raise ValueError(f"{what} must be finite, not {pose}")

@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.measurements import LaserScan
+from slam.measurements import LATEST_S, LaserScan
 from slam.readers.lines import numbers
 from slam.readers.no_return import NO_RETURN_SHARE
 from slam.se2 import FARTHEST_M, SE2
@@ -95,7 +95,7 @@ def odometry_of(fields: list[str], place: str) -> tuple[float, SE2]:
     if len(fields) < _ODOM_FIELDS:
         raise ValueError(f"{place}: ODOM has {_ODOM_FIELDS} fields, found {len(fields)}")
     x, y, theta, time_s = _finite([*fields[1:4], fields[-3]], place)
-    return time_s, _pose((x, y, theta), place)
+    return _stamp(time_s, place), _pose((x, y, theta), place)
 
 
 def laser_of(fields: list[str], place: str, fan: Fan) -> LaserLine:
@@ -116,7 +116,7 @@ def _flaser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     angles_rad = _angles_of_count(found, place, fan)
     _mark(ranges_m, min(fan.range_max_m, fan.no_return_m))
     of_base, of_laser = _pose(poses[3:], place), _pose(poses[:3], place)
-    return LaserLine(time_s, angles_rad, ranges_m, of_base, of_laser)
+    return LaserLine(_stamp(time_s, place), angles_rad, ranges_m, of_base, of_laser)
 
 
 def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
@@ -144,9 +144,9 @@ def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     _mark(ranges_m, min(announced_m, fan.no_return_m))
     angles_rad = _angles(count, first_rad, step_rad)
     if not poses:
-        return LaserLine(time_s, angles_rad, ranges_m, None, None)
+        return LaserLine(_stamp(time_s, place), angles_rad, ranges_m, None, None)
     of_base, of_laser = _pose(facts[8:], place), _pose(facts[5:8], place)
-    return LaserLine(time_s, angles_rad, ranges_m, of_base, of_laser)
+    return LaserLine(_stamp(time_s, place), angles_rad, ranges_m, of_base, of_laser)
 
 
 def _poses_of(rest: list[str], is_robot: bool) -> list[str] | None:
@@ -215,6 +215,15 @@ def _pose(values: Sequence[float], place: str) -> SE2:
             f" {FARTHEST_M:g}: the line is damaged, take it out"
         )
     return SE2(x, y, theta)
+
+
+def _stamp(time_s: float, place: str) -> float:
+    if abs(time_s) > LATEST_S:
+        raise ValueError(
+            f"{place}: a stamp of {time_s:g}; expected seconds, none beyond {LATEST_S:g}: are these"
+            " nanoseconds, or is the line damaged?"
+        )
+    return time_s
 
 
 def _finite(fields: list[str], place: str) -> list[float]:

@@ -24,7 +24,9 @@ def text_lines(path: Path, kind: str) -> Iterator[tuple[int, str]]:
                 number += 1
                 if b"\0" in line or len(line) == _LONGEST_LINE:
                     raise ValueError(f"{path.name} line {number}: binary, not {kind}")
-                yield number, line.decode("utf-8")
+                # names in a comment may be of any alphabet
+                is_comment = line.lstrip().startswith(b"#")
+                yield number, line.decode("utf-8", errors="replace" if is_comment else "strict")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path.name} line {number}: binary, not {kind}") from error
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:

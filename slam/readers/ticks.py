@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
-from slam.measurements import LaserScan
+from slam.measurements import LATEST_S, LaserScan
 from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
@@ -27,8 +27,6 @@ from slam.se2 import FARTHEST_M, SE2
 FIRST_RANGE = 24
 """The field where the ranges begin."""
 _TIME, _LEFT, _RIGHT = 0, 2, 3
-_LATEST_S = 1e12
-"""Chosen: thirty thousand years, of whatever epoch."""
 _ERROR_CODES_MM = 20.0
 """A URG-04LX writes numbers below 20 for what it could not measure; 0 is nothing within its reach."""
 
@@ -191,10 +189,10 @@ def _line(fields: list[str], place: str, config: TicksConfig) -> _TicksLine:
         raise ValueError(f"{place}: a stamp, ticks or a range are not finite")
     time_s, ticks = float(values[_TIME]) / 1e6, values[[_LEFT, _RIGHT]]
     travel_m = config.drive.wheel_travel_m(ticks)
-    if abs(time_s) > _LATEST_S or np.abs(travel_m).max() > FARTHEST_M:
+    if abs(time_s) > LATEST_S or np.abs(travel_m).max() > FARTHEST_M:
         raise ValueError(
             f"{place}: {fields[_TIME]} us, and ticks {fields[_LEFT]} and {fields[_RIGHT]}; expected"
-            f" no stamp beyond {_LATEST_S:g} s, and no wheel to roll {FARTHEST_M:g} m: the line is"
+            f" no stamp beyond {LATEST_S:g} s, and no wheel to roll {FARTHEST_M:g} m: the line is"
             " damaged, take it out"
         )
     ranges_mm = values[_RIGHT + 1 :]

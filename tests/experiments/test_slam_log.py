@@ -87,6 +87,20 @@ def test_each_pose_is_there_to_be_read_when_its_scan_arrived(tmp_path, monkeypat
     assert len(read_tum(tmp_path / "online.tum")) == summary["scans"]
 
 
+def test_folder_of_a_log_that_was_not_finished_does_not_look_finished(tmp_path, monkeypatch):
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    (tmp_path / "summary.json").write_text('{"verdict": "good"}')
+    # of a log that cannot be read nothing is touched
+    assert main(["slam", str(tmp_path / "nowhere.clf"), "--out", str(tmp_path)]) == 2
+    assert (tmp_path / "summary.json").exists()
+    monkeypatch.setattr("experiments.progress.SlamProgress.update", killed)
+    with pytest.raises((KeyboardInterrupt, SystemExit)):
+        raise SystemExit(main(["slam", str(LOG), "--out", str(tmp_path)]))
+    assert not (tmp_path / "summary.json").exists()
+
+
 def test_picture_is_there(folder):
     assert (folder / "slam.png").stat().st_size > 20_000
 

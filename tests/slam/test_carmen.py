@@ -232,6 +232,26 @@ def test_damaged_gzip_is_refused(tmp_path):
         read_carmen(tmp_path / "a.gz")
 
 
+def test_comment_of_another_alphabet_is_no_binary(tmp_path):
+    whole = gzip.decompress(EXCERPT.read_bytes())
+    (tmp_path / "a.clf").write_bytes(b"# taken in the caf\xe9\n" + whole)
+    assert read_carmen(tmp_path / "a.clf").scan_count == read_carmen(EXCERPT).scan_count
+
+
+@pytest.mark.parametrize("name", ["ODOM", "FLASER"])
+def test_stamp_in_nanoseconds_is_refused_with_its_line(tmp_path, name):
+    lines = gzip.decompress(EXCERPT.read_bytes()).decode().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith(name))
+    fields = lines[at].split()
+    fields[-3] = "1.1e18"
+    lines[at] = " ".join(fields)
+    (tmp_path / "a.clf").write_text("\n".join(lines) + "\n")
+    with pytest.raises(
+        ValueError, match=rf"^a.clf line {at + 1}: a stamp of 1.1e\+18; expected sec"
+    ):
+        read_carmen(tmp_path / "a.clf")
+
+
 @pytest.mark.parametrize("content", [bytes(range(256)) * 20, b"\xff\xfe\xfd\n" * 10])
 def test_binary_file_is_refused(tmp_path, content):
     (tmp_path / "a.bin").write_bytes(content)
