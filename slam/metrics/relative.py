@@ -36,6 +36,10 @@ def errors_of_motions(estimated: FloatArray, true: FloatArray) -> RelativeErrors
     return RelativeErrors(Spread.of(np.hypot(off[:, 0], off[:, 1])), Spread.of(off[:, 2]))
 
 
+_TOLERANCE = 0.1
+"""Of a distance that pairs are to be apart: evo's."""
+
+
 def index_pairs(count: int, delta: int, is_overlapping: bool = True) -> IntArray:
     """(P, 2) of rows that are delta apart, of so many.
 
@@ -51,11 +55,29 @@ def time_pairs(times_s: ArrayLike, delta_s: float, is_overlapping: bool = True) 
 
 
 def way_pairs(poses: ArrayLike, delta_m: float, is_overlapping: bool = True) -> IntArray:
-    """(P, 2) of rows with the first that is delta_m of way farther along poses (N, 3), or more."""
+    """(P, 2) of rows with that which is most nearly delta_m of way farther along poses (N, 3).
+
+    None where that is a tenth of delta_m nearer or farther, as evo takes all pairs. Not overlapping:
+    with the first that is delta_m farther or more.
+    """
     poses = frozen_array(poses, (None, 3), "poses")
     steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     way_m = np.concatenate([np.zeros(min(len(poses), 1)), np.cumsum(steps_m)])
-    return _pairs(way_m, delta_m, is_overlapping)
+    pairs = _pairs(way_m, delta_m, is_overlapping)
+    return _nearest(way_m, delta_m) if is_overlapping else pairs
+
+
+def _nearest(values: FloatArray, delta: float) -> IntArray:
+    """Rows with the one behind whose value is most nearly larger by delta, within a tenth of it."""
+    if len(values) < 2:
+        return np.empty((0, 2), dtype=np.int64)
+    first = np.arange(len(values))
+    wanted = values + delta
+    after = np.clip(np.searchsorted(values, wanted), 1, len(values) - 1)
+    is_before = wanted - values[after - 1] <= np.abs(values[after] - wanted)
+    second = np.where(is_before, after - 1, after)
+    is_near = np.abs(values[second] - wanted) <= _TOLERANCE * delta * (1.0 + 1e-9)
+    return np.column_stack([first, second])[is_near & (second > first)]
 
 
 def _pairs(values: FloatArray, delta: float, is_overlapping: bool) -> IntArray:

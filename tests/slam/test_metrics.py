@@ -98,6 +98,12 @@ def test_pairs_over_poses_time_and_way_end_where_the_delta_is_reached():
     # along the way, not across: the end lies on the start
     assert way_pairs(square, 4.0).tolist() == [[0, 4]]
     assert way_pairs(square * 0.1, 0.1).tolist() == [[0, 1], [1, 2], [2, 3], [3, 4]]
+    # the nearest within a tenth; not overlapping, the first that is as far or farther
+    assert way_pairs(square * 0.97, 2.0).tolist() == [[0, 2], [1, 3], [2, 4]]
+    assert way_pairs(square * 0.97, 1.5).tolist() == []
+    assert way_pairs(square * 0.97, 2.0, is_overlapping=False).tolist() == [[0, 3]]
+    assert way_pairs(square[:1], 1.0).tolist() == []
+    assert way_pairs(square[:0], 1.0).tolist() == []
 
 
 def test_pairs_farther_apart_than_all_poses_are_none():
