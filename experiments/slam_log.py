@@ -21,7 +21,8 @@ from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, w
 from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
 from slam.front_end import FrontEndConfig, StepStatus
-from slam.mapping import Mapper, MapperConfig, MapperStep
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan

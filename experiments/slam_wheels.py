@@ -8,7 +8,7 @@ from typing import Any
 
 from slam.arrays import FloatArray
 from slam.front_end import FrontEndConfig
-from slam.mapping import MapperConfig
+from slam.mapper_config import MapperConfig
 from slam.odometry import WheelModel
 from slam.readers.log import Log
 from slam.se2 import SE2

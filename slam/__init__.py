@@ -14,7 +14,8 @@ from slam.localization import Estimate, Localizer, LocalizerConfig
 from slam.lost import Guard, GuardConfig
 from slam.map_consistency import MapVerdict
 from slam.map_files import read_map, write_map
-from slam.mapping import Mapper, MapperConfig
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper
 from slam.matchers import (
     FastMatcher,
     LimitMatcher,

@@ -18,6 +18,8 @@ def passed(
     its beams went through: ended farther by margins, in metres and as a share of the distance, and
     none went by nearer than aside_m and did not."""
     seen = through = 0
+    if one.is_place_alone or other.is_place_alone:
+        return 0, 0
     for points, beams, pose in (
         (one.points, other.beams, T_other_one),
         (other.points, one.beams, T_other_one.inverse()),

@@ -100,7 +100,7 @@ def _passed(
         return None
     said = None
     for other in (k + step for step in _LOOKS):
-        if not 0 <= other < len(keyframes):
+        if not 0 <= other < len(keyframes) or keyframes[other].is_place_alone:
             continue
         beams = keyframes[other].beams
         T_other_map = SE2.from_array(poses[other]).inverse()

@@ -6,7 +6,7 @@ import enum
 import math
 import statistics
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -111,6 +111,15 @@ class Keyframe:
         """(N, 3) the points, and where their surfaces face: see `slam.surface_map`."""
         return faced(self.points, self.beams.middle_m)
 
+    @property
+    def is_place_alone(self) -> bool:
+        """Whether only its place is kept: others saw what it saw."""
+        return len(self.beams) == 0
+
+    def place_alone(self) -> Keyframe:
+        """The same without its scan and glances."""
+        return replace(self, points=np.empty((0, 2)), beams=_NO_BEAMS, glances=())
+
 
 @dataclass(frozen=True, eq=False)
 class FrontEndStep:
@@ -127,6 +136,9 @@ class FrontEndStep:
     is_keyframe: bool
     session: int = 0
     is_open: bool = False
+
+
+_NO_BEAMS = Beams(np.empty((0, 2)), np.empty(0), np.empty(0))
 
 
 class FrontEnd:
@@ -177,6 +189,11 @@ class FrontEnd:
             inlier_ratio, is_new,
             is_open=match is not None and match.least_facing < self.config.least_facing,
         )  # fmt: skip
+
+    def keep_place_alone(self, index: int) -> None:
+        """Lets go of the scan of a keyframe that has left the window, and of those after it."""
+        self.keyframes[index] = self.keyframes[index].place_alone()
+        self.glances[index] = Glances()
 
     def _seen(self, beams: Beams) -> FloatArray:
         """(N, 3) the faced points of a scan; none where the laser is blocked."""

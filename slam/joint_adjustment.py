@@ -75,6 +75,8 @@ def _add_fits(
         surfaces.add(points)
     first, nothing = SE2.from_array(poses[0]), np.zeros((3, 3))
     for index in range(1, len(keyframes)):
+        if keyframes[index].is_place_alone:
+            continue
         T_now = SE2.from_array(poses[index])
         surfaces.remove(placed[index])
         match = surfaces.match(keyframes[index].faced, T_now, T_now, nothing)

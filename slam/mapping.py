@@ -4,55 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.drive_monitor import DriveMonitor
-from slam.front_end import FrontEnd, FrontEndConfig, FrontEndStep, Keyframe, StepStatus
-from slam.joint_adjustment import AdjustmentConfig, jointly_adjusted
-from slam.loop_closing import Loop, LoopCloser, LoopConfig
-from slam.map_consistency import ConsistencyConfig, acquitted, do_contradict, judged
+from slam.front_end import FrontEnd, FrontEndStep, Keyframe, StepStatus
+from slam.joint_adjustment import jointly_adjusted
+from slam.loop_closing import Loop, LoopCloser
+from slam.map_consistency import acquitted, do_contradict, judged
+from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
-from slam.se2 import SE2
-from slam.session_joining import JoiningConfig, SessionJoiner, set_aside
-from slam.slam_map import STEP_SIGMA, SlamMap, add_loop, add_step, graph_of
+from slam.se2 import SE2, wrap_angle
+from slam.session_joining import SessionJoiner, set_aside
+from slam.slam_map import SlamMap, add_loop, add_step, graph_of
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
-
-
-@dataclass(frozen=True)
-class MapperConfig:
-    """How a `Mapper` works.
-
-    drift_m, drift_rad: by which a pose may be wrong for each metre since the last loop, and
-    start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
-    keyframes after which the poses are adjusted, if there are new loops, by so many
-    online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
-    what the front end says. patient_rounds, patient_inlier_ratio: of loops looked for where a map
-    does not hold together. Chosen, all of these.
-    """
-
-    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
-    loops: LoopConfig = field(default_factory=LoopConfig)
-    adjustment: AdjustmentConfig = field(default_factory=AdjustmentConfig)
-    consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
-    joining: JoiningConfig = field(default_factory=JoiningConfig)
-    start_m: float = 0.1
-    drift_m: float = 0.01
-    start_rad: float = 0.02
-    drift_rad: float = 0.002
-    most_drift: tuple[float, float] = (2.5, 0.35)
-    solve_every: int = 25
-    online_iterations: int = 1
-    step_sigma: tuple[float, float, float] = STEP_SIGMA
-    patient_rounds: int = 3
-    patient_inlier_ratio: float = 0.78
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +172,8 @@ class Mapper:
             verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
         for k, glances in enumerate(self._front_end.glances, start=self._first):
-            keyframes[k] = replace(keyframes[k], glances=glances.kept)
+            if not keyframes[k].is_place_alone:
+                keyframes[k] = replace(keyframes[k], glances=glances.kept)
         return SlamMap(
             tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(self._steps),
             verdict,
@@ -268,7 +241,10 @@ class Mapper:
             self._since_loop_m = 0.0
         if not (is_joined := self._is_joined):
             self._look_for_join()
-        if index % config.loops.every == 0:
+        every = config.loops.every
+        if index % every == 0 and (
+            index % (every * config.crowd_every) == 0 or not self._is_crowded(index)
+        ):
             found = self._closer.found(
                 self._keyframes, self._graph.poses, [index], self._drift(), self._comparable
             )
@@ -281,10 +257,27 @@ class Mapper:
         if self._has_new and index % config.solve_every == 0:
             self._solve(config.online_iterations)
             self._has_new = False
+        if self._is_joined:
+            self._thin_crowd(index - 2 * config.front_end.window)
         if index >= self._check_at:
             self._check_at = index + 2 * (index - self._first)
             if not self._holds(config.joining.most_checked):
                 self._unjoin()
+
+    def _thin_crowd(self, index: int) -> None:
+        """Keeps no more than the place of a keyframe, where others saw enough of what it saw."""
+        if index >= self._first and self._is_crowded(index):
+            self._keyframes[index] = self._keyframes[index].place_alone()
+            self._front_end.keep_place_alone(index - self._first)
+
+    def _is_crowded(self, index: int) -> bool:
+        """Whether there are scans enough from about where a keyframe is."""
+        config = self.config
+        off = self._graph.poses - self._graph.pose(index).as_array()
+        is_near = np.hypot(off[:, 0], off[:, 1]) < config.crowd_m
+        is_near &= np.abs(wrap_angle(off[:, 2])) < config.crowd_rad
+        has_scan = (not self._keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
+        return sum(has_scan) > config.crowd
 
     def _of_session(self, keyframe: Keyframe, index: int) -> Keyframe:
         """The keyframe with its session; the first of one is seen from no other."""

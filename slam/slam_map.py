@@ -65,8 +65,7 @@ class SlamMap:
     def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
         """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""
         scans = [
-            (SE2.from_array(pose), keyframe.beams)
-            for keyframe, pose in zip(self.keyframes, self.poses, strict=True)
+            (pose, keyframe.beams) for pose, keyframe in _with_scans(self.keyframes, self.poses)
         ]
         return OccupancyGrid.of_scans(scans, resolution_m)
 
@@ -110,13 +109,20 @@ class SlamMap:
 
 def surfaces_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> Surfaces:
     """The surfaces that keyframes at poses (K, 3) saw."""
-    posed = [
-        (SE2.from_array(pose), keyframe) for keyframe, pose in zip(keyframes, poses, strict=True)
-    ]
+    posed = _with_scans(keyframes, poses)
     return surfaces_of(
         [(T, keyframe.faced, keyframe.beams) for T, keyframe in posed],
         [[glance.view(T) for glance in keyframe.glances] for T, keyframe in posed],
     )
+
+
+def _with_scans(keyframes: Sequence[Keyframe], poses: FloatArray) -> list[tuple[SE2, Keyframe]]:
+    """Those of which more than the place is kept."""
+    return [
+        (SE2.from_array(pose), keyframe)
+        for keyframe, pose in zip(keyframes, poses, strict=True)
+        if not keyframe.is_place_alone
+    ]
 
 
 def graph_of(

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slam.loop_closing import LoopConfig
-from slam.mapping import Mapper, MapperConfig
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper
 from slam.measurements import LaserScan, Measurement
 from slam.se2 import SE2
 

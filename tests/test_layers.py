@@ -96,7 +96,7 @@ RANKS = (
         "sharpness",
     },
     {"localization", "known_map", "mapping", "session_joining", "joint_adjustment"}
-    | {"slam_map", "slam_map_files", "warm_up"},
+    | {"slam_map", "slam_map_files", "warm_up", "mapper_config"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

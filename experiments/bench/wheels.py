@@ -13,7 +13,8 @@ from rich.table import Table
 from experiments.progress import CountProgress
 from experiments.slam_wheels import CalibratedLog, calibrated_log, map_spread_m
 from experiments.tables import wide_console
-from slam.mapping import Mapper, MapperConfig
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.readers.log import Log
 from slam.readers.recognition import read_log

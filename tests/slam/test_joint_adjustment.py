@@ -8,7 +8,8 @@ import pytest
 
 from slam.beams import Beams
 from slam.joint_adjustment import AdjustmentConfig, jointly_adjusted
-from slam.mapping import Mapper, MapperConfig
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of

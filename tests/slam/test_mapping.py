@@ -12,12 +12,14 @@ from slam.driven_through import driven_through
 from slam.front_end import StepStatus
 from slam.loop_closing import LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, MapVerdict, acquitted, judged
-from slam.mapping import Mapper, MapperConfig
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.odometry import compose_covariance
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
+from slam.slam_map_files import read_slam_map, write_slam_map
 from tests.slam import ring
 from tests.slam.logs import shared_log
 from tests.slam.synthetic import box, room
@@ -252,6 +254,33 @@ def test_door_that_was_opened_for_the_robot_is_no_wall():
     assert max(one.scans for one in through) > 5
     assert max(one.walls for one in through) == 0
     assert found.verdict.is_good
+
+
+def test_map_grows_with_what_is_seen_and_not_with_the_drive(tmp_path):
+    poses = ring.way(5.2)
+    mapper = Mapper(ring.T_BASE_LASER, MapperConfig(crowd=4))
+    for measurement in ring.drive(poses, np.random.default_rng(0), 1.01, 1.005):
+        mapper.update(measurement)
+    found = mapper.finish()
+    has_scan = np.array([not one.is_place_alone for one in found.keyframes])
+    laps = np.array_split(has_scan, 5)
+    # but for the last ones, which the front end still matches with
+    assert laps[0].mean() > 0.95
+    assert laps[3].mean() < 0.25
+    assert found.verdict.is_good
+    assert ate_m(found, poses) < 0.05
+    assert not any(len(one.glances) for one in found.keyframes if one.is_place_alone)
+    # whatever else is made of the map passes over them
+    assert found.grid().is_occupied.sum() > 500
+    assert len(found.points) > 1000
+    write_slam_map(tmp_path / "map.kitasap", found)
+    again = read_slam_map(tmp_path / "map.kitasap")
+    assert [one.is_place_alone for one in again.keyframes] == (~has_scan).tolist()
+    # and a second session is joined with it
+    mapper = Mapper.continued(again, ring.T_BASE_LASER)
+    for measurement in ring.drive(poses[150:260], np.random.default_rng(1), 1.0, 1.0):
+        step = mapper.update(measurement)
+    assert step.is_joined
 
 
 def test_map_of_no_scan_at_all_is_called_failed():

@@ -1,0 +1,45 @@
+"""How a `Mapper` works: all that was chosen, in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from slam.front_end import FrontEndConfig
+from slam.joint_adjustment import AdjustmentConfig
+from slam.loop_closing import LoopConfig
+from slam.map_consistency import ConsistencyConfig
+from slam.session_joining import JoiningConfig
+from slam.slam_map import STEP_SIGMA
+
+
+@dataclass(frozen=True)
+class MapperConfig:
+    """How a `Mapper` works.
+
+    drift_m, drift_rad: by which a pose may be wrong for each metre since the last loop, and
+    start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
+    keyframes after which the poses are adjusted, if there are new loops, by so many
+    online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
+    what the front end says. patient_rounds, patient_inlier_ratio: of loops looked for where a map
+    does not hold together. Chosen, all of these.
+    """
+
+    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
+    loops: LoopConfig = field(default_factory=LoopConfig)
+    adjustment: AdjustmentConfig = field(default_factory=AdjustmentConfig)
+    consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
+    joining: JoiningConfig = field(default_factory=JoiningConfig)
+    start_m: float = 0.1
+    drift_m: float = 0.01
+    start_rad: float = 0.02
+    drift_rad: float = 0.002
+    most_drift: tuple[float, float] = (2.5, 0.35)
+    solve_every: int = 25
+    online_iterations: int = 1
+    step_sigma: tuple[float, float, float] = STEP_SIGMA
+    crowd: int = 8
+    crowd_m: float = 0.4
+    crowd_rad: float = 0.35
+    crowd_every: int = 4
+    patient_rounds: int = 3
+    patient_inlier_ratio: float = 0.78
