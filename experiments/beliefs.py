@@ -89,8 +89,8 @@ class BeliefReward(
         super().__init__(env)
         able = [name for name, one in METHODS.items() if one.finds_itself]
         checked_methods((method,), able)
-        if scans < 1:
-            raise ValueError(f"scans: 1 or more, not {scans}")
+        if isinstance(scans, bool) or not isinstance(scans, int) or scans < 1:
+            raise ValueError(f"scans: a whole number, 1 or more, not {scans}")
         self._task = task_of(env, "BeliefReward")
         self._method, self._needed = METHODS[method], scans
         space = env.observation_space

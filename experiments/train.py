@@ -75,6 +75,8 @@ def train(task: str, steps: int, seed: int, out: Path) -> None:
     command = f"python -m experiments.train GoTo --steps {steps} --seed {seed}"
     curve = _Curve(out, command)
     model.learn(steps, callback=curve.callback())
+    if not curve.rows or curve.rows[-1][0] < model.num_timesteps:
+        curve.add(model)
     curve.draw()
     print(f"network and curve: {out}")
 

@@ -267,14 +267,11 @@ class Place:
         steps = steps_to(self._free, self._grid.cells(spot_m[None]))
         return steps, self._grid.origin_m, self._grid.cell_m
 
-    def open_cells(self, cell_m: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mask of coarser cells whose middle is open floor connected with the start, wide enough
-        for a robot or not; and the origin (2,) of its grid [m]."""
+    def open_floor(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Mask of the cells that are floor connected with the start, wide enough for a robot or not,
+        walls as thin as they may be left out; the origin (2,) and the side of the cells [m]."""
         is_open = flooded(~self._blocked, self._grid.cells(self.start[None, :2]))
-        coarse = Grid.over(self.bounds_m, cell_m, margin_m=0.0)
-        middles_m = coarse.centres_m(np.indices(coarse.shape).reshape(2, -1).T)
-        mask = is_open[tuple(self._grid.cells(middles_m).T)].reshape(coarse.shape)
-        return mask, coarse.origin_m
+        return is_open, self._grid.origin_m, self._grid.cell_m
 
     def draw_free_pose(self, rng: np.random.Generator) -> np.ndarray:
         """(3,) x, y [m] and heading [rad], uniform over the free space and all headings."""

@@ -211,3 +211,16 @@ def loaded_after(code: str, *modules: str) -> list[str]:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()[-1].split()
+
+
+@pytest.mark.parametrize(
+    "module", ["slam.kernels.facings", "kitasap_sim.env.kernels", "slam.kernels.normal_equations"]
+)
+def test_kernels_are_compiled_though_no_disk_may_be_written(module):
+    # a container whose root, home and all, is read-only: Numba finds no place for its cache
+    code = f"""
+from numba.core import caching
+caching.CacheImpl._locator_classes = []
+import {module}
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=REPOSITORY)

@@ -138,6 +138,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         )
         self._sim: Simulation | None = None
         self._renderer: Any = None
+        self._is_picture_old = False
 
     # what a task says
 
@@ -191,7 +192,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             raise ValueError(f"options: a dict with {', '.join(self.OPTIONS)}, not {options!r}")
         if unknown := set(options) - set(self.OPTIONS):
             raise ValueError(
-                f"no option called {', '.join(sorted(unknown))};"
+                f"no option called {', '.join(sorted(map(str, unknown)))};"
                 f" there are: {', '.join(self.OPTIONS)}"
             )
         try:
@@ -207,10 +208,11 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         self._noise = drawn.noise
         self._motors = Motors(self._sim, self.control, drawn.lag_steps)
         self._bumper = Bumper(self._sim)
-        self._close_renderer()
+        # closed by who draws the next one: OpenGL is the thread's that drew before
+        self._is_picture_old = True
         pose = self._begin(options)
         self._sim.reset(pose)
-        self._pose = np.array(pose, dtype=float)
+        self._pose = _wrapped(pose)
         self._start = self._pose.copy()
         self._reckoning = DeadReckoning(self._pose, self._sim.wheel_ticks())
         self._last_odometry = self._pose.copy()
@@ -253,6 +255,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         if self.render_mode is None:
             gymnasium.logger.warn("render() without a render_mode: give one to gymnasium.make()")
             return None
+        if self._is_picture_old:
+            self._close_renderer()
         if self._renderer is None:
             from kitasap_sim.env.picture import Picture
 
@@ -308,6 +312,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         return pose
 
     def _close_renderer(self) -> None:
+        self._is_picture_old = False
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -326,7 +331,8 @@ def seen_from(frame: np.ndarray, pose: np.ndarray) -> tuple[float, float, float]
 
 
 def _wrapped(pose: np.ndarray) -> np.ndarray:
-    return np.array([pose[0], pose[1], math.remainder(float(pose[2]), math.tau)])
+    x, y, theta = (float(value) for value in pose)
+    return np.array([x, y, math.remainder(theta, math.tau)])
 
 
 def box(low: Any, high: Any = None) -> spaces.Box:

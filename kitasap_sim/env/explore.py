@@ -7,12 +7,13 @@ import numpy as np
 
 from kitasap_sim.env.base import SUCCESS_REWARD, KitasapEnv
 from kitasap_sim.env.checks import number_between
-from kitasap_sim.env.kernels import see
+from kitasap_sim.env.motors import CONTROL_S
 
 _CELL_M = 0.1
 """Of what is counted as seen; chosen."""
-_SPOTS_CELLS, _RAYS = 3, 120
-"""Chosen: from spots 0.3 m apart, all around by 3 degrees, it is told what can be seen at all."""
+_SPOTS_CELLS, _RAYS, _RAY_STEP = 3, 120, 0.5
+"""Chosen: from spots 0.3 m apart, all around by 3 degrees, half a cell of the free space at a time, it
+is told what can be seen at all."""
 _SEEN_WORTH = 1.0
 STEP_COST = 0.005
 
@@ -20,7 +21,8 @@ STEP_COST = 0.005
 class ExploreEnv(KitasapEnv):
     """See `share` (0.95 by default) of all that the beams can reach from where the robot can drive.
 
-    The floor is counted in cells of 0.1 m; one is seen when a beam has gone through it. The robot
+    The floor is counted in cells of 0.1 m; one is seen when a beam has gone through it, each from
+    where the robot was when it was fired. The robot
     is told nothing of the place: what it has seen it must remember itself.
 
     ## Action, keywords, observation and info: see `KitasapEnv`
@@ -56,7 +58,12 @@ class ExploreEnv(KitasapEnv):
         """Raises ValueError, naming the keyword, for a value that makes no sense."""
         super().__init__(render_mode, **keywords)
         self._share = number_between(share, 1e-6, 1.0, "share")
+        # not before somebody explores: it takes numba half a second
+        from kitasap_sim.env.kernels import look_around, see
+
+        self._see, self._look_around = see, look_around
         self._angles_rad = self.laser.angles_rad
+        self._shares = self.laser.delays_s() / CONTROL_S
         self._mount_m = self.laser.mount_m[:2]
 
     def _begin(self, options: dict[str, Any]) -> np.ndarray:
@@ -64,11 +71,16 @@ class ExploreEnv(KitasapEnv):
         return self.place.draw_free_pose(self.np_random) if pose is None else pose
 
     def _started(self) -> None:
-        is_open, self._origin_m = self.place.open_cells(_CELL_M)
-        spots = (self.place.free_centres_m - self._origin_m) / _CELL_M
-        self._is_left = _in_view(is_open, spots, self._range_m)
+        is_open, self._origin_m, cell_m = self.place.open_floor()
+        share = cell_m / _CELL_M
+        self._is_left = np.zeros(np.ceil(np.array(is_open.shape) * share).astype(int) + 1, bool)
+        spots = (self.place.free_centres_m - self._origin_m) / cell_m
+        _, first = np.unique((spots * share).astype(int) // _SPOTS_CELLS, axis=0, return_index=True)
+        self._look_around(
+            is_open, spots[first], _RAYS, self._range_m / cell_m, _RAY_STEP, share, self._is_left
+        )
         self._to_see = max(int(np.count_nonzero(self._is_left)), 1)
-        self._count = 0
+        self._count, self._at = 0, self._laser_at()
         self._look()
 
     def _rewarded(self) -> tuple[dict[str, float], bool, bool]:
@@ -83,40 +95,25 @@ class ExploreEnv(KitasapEnv):
         return terms, is_done, is_done
 
     def _look(self) -> None:
-        """Counts the cells that the beams go through now."""
+        """Counts the cells that the beams of this step went through."""
+        before, self._at = self._at, self._laser_at()
+        # the short way round
+        self._at[2] = before[2] + math.remainder(self._at[2] - before[2], math.tau)
+        self._count += self._see(
+            self._is_left, before, self._at, self._shares, self._angles_rad,
+            self._ranges_m / _CELL_M, self._range_m / _CELL_M,
+        )  # fmt: skip
+
+    def _laser_at(self) -> np.ndarray:
+        """(3,) row and column of the laser in the cells that count, and its heading [rad]."""
         x, y, theta = self._pose.tolist()
         (mount_x, mount_y), (x0, y0) = self._mount_m, self._origin_m
         c, s = math.cos(theta), math.sin(theta)
-        row = (x + c * mount_x - s * mount_y - x0) / _CELL_M
-        column = (y + s * mount_x + c * mount_y - y0) / _CELL_M
-        self._count += see(
-            self._is_left, (row, column, theta), self._angles_rad, self._ranges_m / _CELL_M,
-            self._range_m / _CELL_M,
-        )  # fmt: skip
+        row, column = x + c * mount_x - s * mount_y - x0, y + s * mount_x + c * mount_y - y0
+        return np.array([row / _CELL_M, column / _CELL_M, theta])
 
     def _told(self) -> dict[str, Any]:
         return {
             "seen_share": self._count / self._to_see,
             "seen_m2": self._count * _CELL_M**2,
         }
-
-
-def _in_view(is_open: np.ndarray, spots: np.ndarray, range_m: float) -> np.ndarray:
-    """Mask of the open cells that beams can reach from some of the spots (K, 2) [cells].
-
-    Open floor behind a gap through which the robot cannot drive may never come in view.
-    """
-    _, first = np.unique(spots.astype(int) // _SPOTS_CELLS, axis=0, return_index=True)
-    angles = np.arange(_RAYS) * (2.0 * math.pi / _RAYS)
-    along = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    starts = np.repeat(spots[first], _RAYS, axis=0)
-    ways = np.tile(along, (len(first), 1))
-    padded = np.pad(is_open, 1)
-    is_seen = np.zeros_like(padded)
-    for reach in range(int(range_m / _CELL_M)):
-        cells = np.floor(starts + reach * ways).astype(int) + 1
-        i, j = cells.clip(0, np.array(padded.shape) - 1).T
-        goes_on = padded[i, j]
-        is_seen[i[goes_on], j[goes_on]] = True
-        starts, ways = starts[goes_on], ways[goes_on]
-    return is_seen[1:-1, 1:-1]

@@ -1,34 +1,98 @@
 """Inner loops of the tasks, compiled by Numba once on each machine."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Kept on disk; where no disk may be written, compiled anew in each process.
+
+    `slam.kernels` does the same; neither package may import the other.
+    """
+    try:
+        return njit(cache=True, nogil=True)(function)
+    except RuntimeError as error:
+        if "cannot cache" not in str(error):
+            raise
+        return njit(nogil=True)(function)
+
+
+@_compiled
 def see(
     is_left: np.ndarray,
-    at: tuple[float, float, float],
+    before: np.ndarray,
+    now: np.ndarray,
+    shares: np.ndarray,
     angles: np.ndarray,
     ranges: np.ndarray,
     reach: float,
 ) -> int:
     """How many cells (R, C) of those left the beams go through; these are left no more.
 
-    at: row, column and heading of the laser, lengths in cells. angles, ranges: (N,) of the beams in
-    its frame; each is looked at in the middle of every cell's length, no farther than reach.
+    before, now: (3,) row, column and heading of the laser at the start and at the end of a step,
+    lengths in cells; shares: (N,) of the step, after which each beam is fired. angles, ranges: (N,)
+    of the beams in the laser's frame; no beam counts farther than reach. From cell to cell as
+    Amanatides and Woo (Eurographics 1987) go.
     """
     rows, columns = is_left.shape
-    x, y, heading = at
     count = 0
     for i in range(len(angles)):
-        along_x, along_y = math.cos(heading + angles[i]), math.sin(heading + angles[i])
-        way, end = 0.5, min(ranges[i], reach)
+        x = before[0] + shares[i] * (now[0] - before[0])
+        y = before[1] + shares[i] * (now[1] - before[1])
+        heading = before[2] + shares[i] * (now[2] - before[2]) + angles[i]
+        along_x, along_y = math.cos(heading), math.sin(heading)
+        end = min(ranges[i], reach)
+        row, column = math.floor(x), math.floor(y)
+        step_row = 1 if along_x > 0.0 else -1
+        step_column = 1 if along_y > 0.0 else -1
+        # how far along the beam the next row and the next column begin, and one is wide
+        wide_row = 1.0 / max(abs(along_x), 1e-12)
+        wide_column = 1.0 / max(abs(along_y), 1e-12)
+        next_row = (row + 1 - x if along_x > 0.0 else x - row) * wide_row
+        next_column = (column + 1 - y if along_y > 0.0 else y - column) * wide_column
+        way = 0.0
         while way < end:
-            row, column = math.floor(x + way * along_x), math.floor(y + way * along_y)
             if 0 <= row < rows and 0 <= column < columns and is_left[row, column]:
                 is_left[row, column] = False
                 count += 1
-            way += 1.0
+            if next_row < next_column:
+                way = next_row
+                next_row += wide_row
+                row += step_row
+            else:
+                way = next_column
+                next_column += wide_column
+                column += step_column
     return count
+
+
+@_compiled
+def look_around(
+    is_open: np.ndarray,
+    spots: np.ndarray,
+    rays: int,
+    reach: float,
+    step: float,
+    share: float,
+    is_seen: np.ndarray,
+) -> None:
+    """Marks in coarser cells (R, C) what rays all around from spots (K, 2) go through while they are
+    over open cells (r, c), up to reach, looked at each step; lengths in cells, share of a coarse one.
+    """
+    rows, columns = is_open.shape
+    for k in range(spots.shape[0]):
+        for ray in range(rays):
+            angle = 2.0 * math.pi * ray / rays
+            along_x, along_y = math.cos(angle), math.sin(angle)
+            way = 0.0
+            while way < reach:
+                x, y = spots[k, 0] + way * along_x, spots[k, 1] + way * along_y
+                row, column = math.floor(x), math.floor(y)
+                if not (0 <= row < rows and 0 <= column < columns and is_open[row, column]):
+                    break
+                is_seen[math.floor(x * share), math.floor(y * share)] = True
+                way += step

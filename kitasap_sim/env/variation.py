@@ -1,7 +1,7 @@
 """What is drawn anew for each episode: the place, and how the robot is not what is believed."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -57,12 +57,18 @@ class Variation:
         odometry_preset(self.odometry)
         _checked("difficulty", self.difficulty, 0.0, 1.0)
         _checked("people", self.people, 0.0, 100.0)
+        if any(float(count) != int(count) for count in _bounds(self.people)):
+            raise ValueError(f"people: a whole number, or two, not {self.people}")
         if self.friction is not None:
             _checked("friction", self.friction, 0.01, 2.0)
         # on wheels that differ more from the caster the robot does not stand as it should
         _checked("wheel_radii", self.wheel_radii, -0.05, 0.05)
         _checked("laser_noise", self.laser_noise, 0.0, 100.0)
         _checked("latency_s", self.latency_s, 0.0, 1.0)
+        if isinstance(self.place, Set):
+            raise ValueError("place: a list of several, of which one is drawn: a set has no order")
+        # read once: it may be a generator
+        object.__setattr__(self, "place", self._places())
         places = self._places()
         if not places:
             raise ValueError("place: give a place, or several to draw from, not none")
@@ -161,7 +167,10 @@ def _check_place(place: object) -> None:
 
 def _checked(name: str, span: Span, least: float, most: float) -> None:
     values = _bounds(span)
-    is_number = all(isinstance(value, Real) and math.isfinite(value) for value in values)
+    is_number = not isinstance(span, Set) and all(
+        isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+        for value in values
+    )
     if not is_number or len(values) not in (1, 2) or values != sorted(values):
         raise ValueError(f"{name}: a number, or two of which the first is the lower, not {span}")
     if not (least <= values[0] and values[-1] <= most):
@@ -182,4 +191,5 @@ def _up_to_whole(span: Span) -> Span:
 
 def _bounds(span: Span) -> list[float]:
     """The one value, or the lower and the upper."""
-    return list(span) if isinstance(span, Iterable) else [span]
+    # of NumPy's numbers too, which may be asked for items they have not
+    return list(span) if isinstance(span, Iterable) and np.ndim(span) else [span]  # type: ignore[list-item]

@@ -385,6 +385,10 @@ def test_render_of_a_simulation_leaves_it_as_it_was():
         ({"laser": "sonar"}, "no laser"),
         ({"control": "legs"}, "control"),
         ({"people": -1}, "people"),
+        ({"people": 2.5}, "people"),
+        ({"people": True}, "people"),
+        ({"place": {"room_fig4", "symmetric_room"}}, "place: a list"),
+        ({"difficulty": {0.1, 0.5}}, "difficulty"),
         ({"friction": 0.0}, "friction"),
         ({"laser_noise": np.nan}, "laser_noise"),
         ({"latency_s": "late"}, "latency_s"),
@@ -414,6 +418,28 @@ def test_numbers_of_numpy_are_numbers(scalar):
     assert same(*steps)
 
 
+def test_places_to_draw_from_may_come_one_by_one_and_headings_are_wrapped():
+    env = task(IDS[0], place=(name for name in ("symmetric_room",)))
+    for _ in range(2):
+        _, info = env.reset(seed=0, options={"pose": (3.0, 1.2, 10.0)})
+        assert info["pose_true"][2] == pytest.approx(10.0 - 4.0 * np.pi)
+        np.testing.assert_allclose(info["pose_odometry"], info["pose_true"])
+
+
+def test_picture_is_drawn_anew_by_who_asks_for_it_though_another_thread_began_the_episode():
+    envs = gymnasium.make_vec(IDS[0], 2, render_mode="rgb_array", max_episode_steps=2)
+    envs.reset(seed=0)
+    try:
+        for _ in range(4):
+            pictures = envs.render()
+            envs.step(np.zeros((2, 2), dtype=np.float32))
+    except RenderingError:
+        pytest.skip("no OpenGL here")
+    finally:
+        envs.close()
+    assert all(picture.std() > 10.0 for picture in pictures)
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [
@@ -422,6 +448,7 @@ def test_numbers_of_numpy_are_numbers(scalar):
         ({"pose": "abc"}, "three finite numbers"),
         ("pose", "options: a dict"),
         ({"start": 1}, "no option called start"),
+        ({1: 2, "a": 3}, "no option called 1, a"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options, named):
