@@ -62,11 +62,23 @@ def random_room(rng: np.random.Generator, difficulty: float = 0.5) -> Place:
         spec = _furnished(size_m, difficulty, rng)
         if not _add_start(spec, size_m, rng):
             continue
-        place = Place.of_mjcf(spec, "random")
+        place = Place.of_mjcf(_as_read(spec), "random")
         free_m2 = len(place.free_centres_m) * place.free_cell_m**2
         if free_m2 >= _LEAST_FREE * float(np.prod(size_m)):
             return place
     raise RuntimeError(f"{_TRIES} random rooms of difficulty {difficulty} had no room for a robot")
+
+
+def _as_read(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """The same with the digits of a file, from which it is read to the bit: in another process a room
+    is the one that was sent. Angles lose a little each time they are written, a few times at most."""
+    text = spec.to_xml()
+    for _ in range(_TRIES):
+        read = mujoco.MjSpec.from_string(text)
+        before, text = text, read.to_xml()
+        if text == before:
+            break
+    return read
 
 
 def _furnished(size_m: np.ndarray, difficulty: float, rng: np.random.Generator) -> mujoco.MjSpec:

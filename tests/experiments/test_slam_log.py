@@ -245,7 +245,8 @@ def test_rover_is_mapped_by_the_wheels_that_its_drive_shows(tmp_path):
     assert spread_m["after"] < 0.9 * spread_m["before"]
     # the wheels assumed leave the first lap open
     assert wheels["used"] == "calibrated"
-    assert wheels["spread_of_map_m"]["after"] < wheels["spread_of_map_m"]["before"]
+    # on the map itself, one drive tells nothing of that: `kitasap bench wheels`
+    assert 0.0 < wheels["spread_of_map_m"]["after"] < 0.15
     # the two wheels are alike, and a turn of them turns the robot by 9 to 12 % more than assumed
     left, right = wheels["calibrated"]["wheel_radius_m"]
     assert left == pytest.approx(right, rel=0.01)

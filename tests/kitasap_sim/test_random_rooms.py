@@ -1,5 +1,7 @@
 """Random rooms: as difficult as asked for, and always to be driven in."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -35,3 +37,13 @@ def test_a_quarter_of_the_hardest_room_can_be_reached(seed):
 def test_other_difficulties_are_refused(difficulty):
     with pytest.raises(ValueError, match="between 0 and 1"):
         random_room(np.random.default_rng(0), difficulty)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_room_that_was_sent_to_another_process_is_the_same_to_the_bit(seed):
+    room = random_room(np.random.default_rng(seed), 1.0)
+    there = pickle.loads(pickle.dumps(room))
+    for name in ("geom_pos", "geom_quat", "geom_size", "body_pos", "site_pos"):
+        np.testing.assert_array_equal(getattr(room.model, name), getattr(there.model, name))
+    np.testing.assert_array_equal(room.start, there.start)
+    np.testing.assert_array_equal(room.free_centres_m, there.free_centres_m)
