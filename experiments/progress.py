@@ -76,7 +76,7 @@ class TrialProgress(_Bar):
 
     def compiling(self) -> None:
         """Says why nothing happens yet."""
-        said = "the first run on a machine compiles its kernels, some 30 s"
+        said = "loading what was compiled; the first run on a machine compiles it, some 30 s"
         self._show(self._done, "", now=said)
         if self._is_hidden:
             print(f"{self._name}: {said}", file=sys.stderr)

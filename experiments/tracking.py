@@ -20,7 +20,9 @@ from experiments.trials import Outcome, TrialConfig, TrialResult, bound_record
 from kitasap_sim.drive import Driver, Pilot
 from kitasap_sim.places import Place
 from kitasap_sim.simulation import SensorFrame, Simulation
+from slam.arrays import FloatArray
 from slam.measurements import LaserScan
+from slam.straightening import Straightener
 
 NAME = "tracking"
 DEFAULTS = TrialConfig()
@@ -37,10 +39,12 @@ _WAYPOINTS = 6
 @dataclass(frozen=True)
 class TrackingResult(TrialResult):
     """One drive. samples: records as of a trial, every two seconds, each with the NEES of all scans
-    since the one before (scans_nees); series: every scan's errors."""
+    since the one before (scans_nees); series: every scan's errors. points_base: (N, 2) [m] of the last
+    scan, straightened by the wheels, for pictures."""
 
     samples: list[dict[str, Any]] = field(default_factory=list)
     series: dict[str, Any] = field(default_factory=dict)
+    points_base: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
     def record(self) -> dict[str, Any]:
         """The drive as plain numbers: its end like any trial, then samples and series."""
@@ -57,15 +61,19 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrackingResult:
     noise = FLOOR_NOISE[config.odometry]
     source = MeasurementSource(known.laser, simulation.wheel_ticks(), noise)
     localizers = make_localizers(config, believed, is_tracking=True, may_be_lost=True)
-    drive = _Drive(config, simulation)
+    drive, straightener = _Drive(config, simulation), Straightener(known.T_base_laser)
     for frame in _driven(config, simulation, side, pose_rng):
         measurement, true = source.measurement(frame), simulation.truth().pose
         bound = scan_bound(known, config.true_laser, measurement.scan, true)
         outcomes, cpu_s = update_all(config, localizers, measurement, true)
         drive.take(frame.time_s, measurement.scan, true, bound, outcomes, cpu_s)
+        scan, motion = measurement.scan, measurement.motion
+        duration_s = straightener.duration_s(measurement.time_s, motion)
+        straightener.take_motion(measurement.time_s, scan.beam_times_s, motion, duration_s)
         if frame.time_s >= config.duration_s:
             break
-    return drive.result()
+    result = drive.result()
+    return replace(result, points_base=straightener.beams(result.scans[-1]).points)
 
 
 def checked(config: TrialConfig) -> TrialConfig:

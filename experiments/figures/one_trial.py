@@ -8,7 +8,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.colors import LinearSegmentedColormap
 
 from experiments.figures.canvas import legend_below, saved
 from experiments.figures.made_maps import made_maps_picture
@@ -17,11 +16,9 @@ from experiments.methods import KnownPlace
 from experiments.tracking import TrackingResult
 from experiments.trials import TrialConfig, TrialResult
 from kitasap_sim.robot import KITASAP2
-from slam.measurements import LaserScan
 from slam.se2 import SE2
 
 _FOUND = "#1f77b4"
-_AGES = LinearSegmentedColormap.from_list("ages", [_FOUND, "#ffaa33"])
 """Of the beams of a scan: from the last to the first."""
 
 
@@ -119,7 +116,7 @@ def _draw_drive(axis: Axes, config: TrialConfig, result: TrackingResult, name: s
     known, outcome, samples = config.known_place, result.outcomes[name], result.samples
     mine = [sample["methods"][name] for sample in samples]
     _draw_map(axis, known)
-    _draw_moving_scan(axis, result.scans[-1], outcome.T_map_base @ known.T_base_laser)
+    _draw_scan(axis, result.points_base, outcome.T_map_base, _FOUND, "last scan, straightened")
     true = np.array([sample["true_poses"][-1][:2] for sample in samples]).reshape(-1, 2)
     found = np.array([[one["x_m"], one["y_m"]] for one in mine]).reshape(-1, 2)
     is_right = np.array([one["success"] for one in mine], dtype=bool)
@@ -170,20 +167,6 @@ def _draw_scan(
 ) -> None:
     points = T_map_base @ points_base
     axis.plot(*points.T, ".", ms=2, color=colour, alpha=0.6, label=label)
-
-
-def _draw_moving_scan(axis: Axes, scan: LaserScan, T_map_laser: SE2) -> None:
-    """The scan as it came, seen from the pose found; earlier beams, farther off, are lighter.
-
-    The result does not tell the motion by which a method straightened it.
-    """
-    points = scan.points(T_map_laser)
-    if scan.beam_times_s is None:
-        axis.plot(*points.T, ".", ms=2, color=_FOUND, alpha=0.6, label="last scan")
-        return
-    before_s = scan.time_s - scan.beam_times_s[scan.is_hit]
-    axis.scatter(points[:, 0], points[:, 1], s=3, lw=0, c=before_s, cmap=_AGES)
-    axis.plot([], [], ".", color=_AGES(0.8), label="last scan, not straightened (light: early)")
 
 
 def _draw_robot(axis: Axes, pose: np.ndarray, colour: str, style: str, label: str) -> None:

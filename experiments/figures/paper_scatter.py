@@ -38,27 +38,30 @@ def scatter(folder: Path) -> Path:
                 if row["method"] == method
             ]
         ).reshape(-1, 2)
-        _scatter_panel(axis, method, errors_cm, summary)
+        _scatter_panel(axis, method, errors_cm, summary, poses)
     axes[0][0].set_ylabel("error in Y [cm]")
     figure.suptitle(f"{title_of(summary['experiment'], poses)}: estimated minus true position")
     legend_below(figure, axes[0][0], ncols=3)
     return saved(figure, folder / "scatter")
 
 
-def _scatter_panel(axis: Axes, method: str, errors_cm: np.ndarray, summary: dict[str, Any]) -> None:
+def _scatter_panel(
+    axis: Axes, method: str, errors_cm: np.ndarray, summary: dict[str, Any], poses: str
+) -> None:
     trials, result = summary["trials"], summary["methods"][method]
     is_inside = (np.abs(errors_cm) <= _LIMIT_CM).all(axis=1)
     axis.add_patch(
         Rectangle((-3, -3), 6, 6, fill=False, ls="--", ec="#999999", label="paper's ±3 cm")
     )
     paper = summary["paper_values"]
-    axis.add_patch(
-        Ellipse(
-            (paper["x_cm"]["mean"], paper["y_cm"]["mean"]),
-            *(4 * paper[key]["std"] for key in ("x_cm", "y_cm")),
-            fc="#ffbb66", ec="#cc7700", alpha=0.5, label="paper's mean, ±2 sd",
-        )
-    )  # fmt: skip
+    if poses == "paper":  # of which alone it tells
+        axis.add_patch(
+            Ellipse(
+                (paper["x_cm"]["mean"], paper["y_cm"]["mean"]),
+                *(4 * paper[key]["std"] for key in ("x_cm", "y_cm")),
+                fc="#ffbb66", ec="#cc7700", alpha=0.5, label="paper's mean, ±2 sd",
+            )
+        )  # fmt: skip
     axis.plot(
         *errors_cm[is_inside].T, "o", ms=3.5, mew=0, alpha=0.6,
         color=colour(method), label="ours, a dot for each trial",

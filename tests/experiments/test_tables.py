@@ -9,7 +9,7 @@ from experiments.tables import summary_table, title_of
 from tests.experiments.test_statistics import RAISED, trial
 
 
-def rendered(experiment: str, records: list[dict]) -> list[str]:
+def rendered(experiment: str, records: list[dict], poses: str = "paper") -> list[str]:
     summary = {
         "experiment": experiment,
         "trials": len(records),
@@ -19,7 +19,7 @@ def rendered(experiment: str, records: list[dict]) -> list[str]:
     }
     console = Console(width=140)
     with console.capture() as capture:
-        console.print(summary_table(summary, "random", "room_fig4, urg_04lx"))
+        console.print(summary_table(summary, poses, "room_fig4, urg_04lx"))
     return capture.get().splitlines()
 
 
@@ -49,6 +49,14 @@ def test_paper_column_keeps_its_bars_and_signs():
     (line,) = [line for line in rendered("localization", [RAISED]) if "Average [cm]" in line]
     assert "1.40 | -1.00" in line
     assert line.split()[-3:] == ["-", "|", "-"]  # no success, no number
+
+
+def test_paper_s_own_values_are_of_its_own_poses_alone():
+    records = [trial(1.0, -2.0, 0.001)]
+    assert any("paper's table" in line for line in rendered("kidnap", records))
+    lines = rendered("kidnap", records, "random")
+    assert not any("paper's table" in line or "(text)" in line for line in lines)
+    assert cells(lines, "Average [cm]") == ["1.00|-2.00"]
 
 
 def test_success_is_out_of_all_trials():
