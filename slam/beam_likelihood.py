@@ -39,10 +39,11 @@ _MISSING_AT_ALL, _PASSED_M, _RUN = 0.01, 0.1, 3
 them side by side, that it is neither noise nor light mixed at an edge."""
 _NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
-_POINTS = standard_normal_points(64)
-"""Where `_widen` looks."""
+_POINTS = standard_normal_points(256)
+"""Where `_widen` looks. Chosen: 64 missed second answers that a hundredth of the smooth beams' volume
+holds; one of 1000 poses then erred by 13 times what it said."""
 _OPEN_SHARE = 1e-9
-_WIDER = 1.3
+_WIDER = 1.6
 """Chosen: times the variance; less is what so many points cannot tell."""
 
 
