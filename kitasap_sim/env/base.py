@@ -212,7 +212,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         self._is_picture_old = True
         pose = self._begin(options)
         self._sim.reset(pose)
-        self._pose = _wrapped(pose)
+        self._pose = _wrapped(np.asarray(pose, dtype=float))
         self._start = self._pose.copy()
         self._reckoning = DeadReckoning(self._pose, self._sim.wheel_ticks())
         self._last_odometry = self._pose.copy()
@@ -331,7 +331,7 @@ def seen_from(frame: np.ndarray, pose: np.ndarray) -> tuple[float, float, float]
 
 
 def _wrapped(pose: np.ndarray) -> np.ndarray:
-    x, y, theta = (float(value) for value in pose)
+    x, y, theta = pose.tolist()
     return np.array([x, y, math.remainder(theta, math.tau)])
 
 

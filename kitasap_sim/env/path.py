@@ -2,6 +2,7 @@
 
 import math
 from bisect import bisect_right
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -31,6 +32,18 @@ class Path:
         leg, share = self._leg(along_m)
         (x0, y0), (x1, y1) = self._corners[leg], self._corners[leg + 1]
         return x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+
+    def points(self, lengths_m: Iterable[float]) -> list[tuple[float, float]]:
+        """The points at lengths along it that do not fall; its ends beyond."""
+        at_m, corners = self._at_m, self._corners
+        leg, last, found = 0, len(corners) - 2, []
+        for along_m in lengths_m:
+            while leg < last and at_m[leg + 1] <= along_m:
+                leg += 1
+            share = min(max((along_m - at_m[leg]) / (at_m[leg + 1] - at_m[leg]), 0.0), 1.0)
+            (x0, y0), (x1, y1) = corners[leg], corners[leg + 1]
+            found.append((x0 + share * (x1 - x0), y0 + share * (y1 - y0)))
+        return found
 
     def heading_rad(self, along_m: float) -> float:
         """Where it leads at a length along it."""

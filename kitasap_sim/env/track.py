@@ -145,10 +145,12 @@ def path_ahead(path: Path, pose: np.ndarray, along_m: float) -> np.ndarray:
     x0, y0, theta = pose.tolist()
     c, s = math.cos(theta), math.sin(theta)
     seen: list[float] = []
-    for ahead_m in _AHEAD_M:
-        x, y = path.at(along_m + ahead_m)
-        seen += [c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0)]
-    return np.array(seen).clip(-_FARTHEST_M, _FARTHEST_M).astype(np.float32)
+    for x, y in path.points([along_m + ahead_m for ahead_m in _AHEAD_M]):
+        dx, dy = x - x0, y - y0
+        seen += (c * dx + s * dy, c * dy - s * dx)
+    if max(map(abs, seen)) > _FARTHEST_M:
+        seen = [max(-_FARTHEST_M, min(_FARTHEST_M, value)) for value in seen]
+    return np.array(seen, dtype=np.float32)
 
 
 def _drawn(place: Place, rng: np.random.Generator) -> np.ndarray:

@@ -41,3 +41,9 @@ def test_floor_that_no_beam_can_reach_does_not_count():
     env.reset(seed=0)
     # its own room, and of the other what is seen through the gap: not the 24 m2 of both
     assert 11.5 < 0.01 * env.unwrapped._to_see < 17.0
+
+
+def test_points_along_a_path_are_those_asked_one_by_one():
+    path = Path(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [-2.0, 0.5]]))
+    lengths_m = [-0.3, 0.0, 0.4, 1.0, 1.2, 1.5, 2.0, 4.5, 4.5, 9.0]
+    np.testing.assert_allclose(path.points(lengths_m), [path.at(one) for one in lengths_m])
