@@ -19,6 +19,16 @@ def checked_folder(folder: Path) -> Path:
     return folder
 
 
+def checked_beside_runs(folder: Path) -> Path:
+    """`checked_folder`, of what is no run of trials: it is not to be written over one.
+
+    Raises ValueError for a folder that holds trials as well.
+    """
+    if (folder / "trials.jsonl").exists():
+        raise ValueError(f"--out {folder} holds the trials of a run: give another folder")
+    return checked_folder(folder)
+
+
 def checked_file(path: Path) -> Path:
     """The file, if it can be written, or made together with its folder.
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from experiments.commands.options import RESULTS, Laser, Log, People, PlaceName, Seed, Trials
-from experiments.outputs import checked_file, checked_folder
+from experiments.outputs import checked_beside_runs, checked_file
 
 app = typer.Typer()
 
@@ -54,7 +54,7 @@ def mismatch(
     """What is left of accuracy and honesty where sensor or map are not as assumed."""
     from experiments.bench.mismatch import print_benchmark
 
-    print_benchmark(place, laser, trials, drives, seed, checked_folder(out))
+    print_benchmark(place, laser, trials, drives, seed, checked_beside_runs(out))
 
 
 @app.command()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from experiments.commands.options import RESULTS, Log, LogMethod, LogOut, Seed
-from experiments.outputs import checked_folder
+from experiments.outputs import checked_beside_runs
 from experiments.protocols import DEFAULT_METHOD
 
 if TYPE_CHECKING:
@@ -28,15 +28,20 @@ def real_log(
             " jumps: second half, teleported, on the map of the first."
         ),
     ] = "tracked",
-    jumps: Annotated[int, typer.Option(min=1, help="How often the robot is teleported.")] = 10,
+    jumps: Annotated[
+        int | None,
+        typer.Option(min=1, help="Of jumps, how often the robot is teleported; default: 10."),
+    ] = None,
     seed: Seed = 0,
 ) -> None:
     """Maps a recorded log from reference poses of some of its scans, localises the others."""
-    checked_folder(out)
+    checked_beside_runs(out)
+    if jumps is not None and protocol != "jumps":
+        raise ValueError(f"--jumps changes nothing of {protocol}: it is of --protocol jumps")
     if protocol == "tracked":
         is_done = _tracked(log, reference, out, method)
     else:
-        is_done = _relocalized(log, reference, out, method, protocol, jumps, seed)
+        is_done = _relocalized(log, reference, out, method, protocol, jumps or 10, seed)
     raise typer.Exit(0 if is_done else 1)
 
 
@@ -99,7 +104,7 @@ def localize(
     from experiments.progress import ScanProgress
 
     T_start = _pose(start)
-    checked_folder(out)
+    checked_beside_runs(out)
     with ScanProgress(log.name) as progress:
         result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update)
     localizing.write_results(result, out)
@@ -150,7 +155,7 @@ def slam(
     T_start = _pose(start)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
-    checked_folder(out)
+    checked_beside_runs(out)
     with SlamProgress(log.name) as progress, slam_files.OnlinePoses(out) as online:
 
         def on_scan(index: int, scans: int, step: "MapperStep") -> None:

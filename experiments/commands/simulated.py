@@ -122,7 +122,8 @@ def picture(
     from kitasap_sim.rendering import render
     from kitasap_sim.simulation import Simulation
 
-    checked_file(out)
+    if checked_file(out).suffix.lower() != ".png":
+        raise ValueError(f"--out takes a PNG file, and {out} is named otherwise")
     simulation = Simulation(place, laser, rng=np.random.default_rng(0))
     pixels = render(simulation, beams_m=simulation.next_frame().ranges_m)
     print(image_file(out, pixels))

@@ -131,7 +131,7 @@ def test_more_jobs_than_trials_are_no_mistake(tmp_path, run_trials):
 def test_table_and_folder_are_printed(tmp_path, run_trials, capsys):
     assert run_trials(tmp_path, 2) == 0
     printed = capsys.readouterr()
-    assert "1.40 | -1.00" in printed.out
+    assert "box_room, urg_04lx, 2 trials, random poses" in printed.out
     assert printed.out.splitlines()[-1] == f"results and figures: {tmp_path}/localization"
     assert "localization 2 of 2: succeeded: odometry " in printed.err
 

@@ -65,3 +65,24 @@ def test_file_and_folder_are_not_taken_for_each_other(tmp_path):
         checked_folder(tmp_path / "file")
     with pytest.raises(ValueError, match=r"a file is to be written, and .* is a folder"):
         checked_file(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("slam", LOG),
+        ("real-log", LOG, "--reference", REFERENCE),
+        ("localize", "map.yaml", LOG),
+        ("bench", "mismatch"),
+    ],
+)
+def test_run_of_trials_is_not_written_over_by_something_else(tmp_path, capsys, command):
+    (tmp_path / "trials.jsonl").write_text("{}\n")
+    said = refusal(capsys, *command, "--out", tmp_path)
+    assert said == f"--out {tmp_path} holds the trials of a run: give another folder"
+
+
+def test_options_that_would_change_nothing_are_refused(tmp_path, capsys):
+    log = ("real-log", LOG, "--reference", REFERENCE, "--out", tmp_path)
+    assert "--jumps changes nothing of tracked" in refusal(capsys, *log, "--jumps", "3")
+    assert "takes a PNG file" in refusal(capsys, "picture", "--out", tmp_path / "room.jpg")
