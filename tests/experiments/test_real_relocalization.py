@@ -34,12 +34,11 @@ def real_log(*options) -> int:
     return main(["real-log", str(LOG), "--reference", str(REFERENCE), *map(str, options)])
 
 
-# ten jumps are what is asked for where nothing is said; `each` makes none, and needs no scans
 @pytest.mark.parametrize(
-    ("protocol", "jumps", "keys"), [("each", 10, set()), ("jumps", 2, JUMP_KEYS)]
+    ("protocol", "jumps", "keys"), [("each", (), set()), ("jumps", ("--jumps", 2), JUMP_KEYS)]
 )
 def test_summary_has_its_keys_and_a_line_for_each_scan(protocol, jumps, keys, tmp_path, capsys):
-    options = ("--protocol", protocol, "--jumps", jumps, "--method", "limit", "--out", tmp_path)
+    options = ("--protocol", protocol, *jumps, "--method", "limit", "--out", tmp_path)
     status = real_log(*options)
     summary = json.loads((tmp_path / "summary.json").read_text())
     lines = [json.loads(line) for line in (tmp_path / "asked.jsonl").read_text().splitlines()]

@@ -246,8 +246,9 @@ def test_wrappers_refuse_what_they_cannot_wrap():
         SlamPose(gymnasium.make("CartPole-v1"))
     with pytest.raises(ValueError, match="no method called 'paper'"):
         BeliefReward(relocalize(), method="paper")
-    with pytest.raises(ValueError, match="scans: 1 or more"):
-        BeliefReward(relocalize(), scans=0)
+    for scans in (0, 2.5, True):
+        with pytest.raises(ValueError, match="scans: a whole number, 1 or more"):
+            BeliefReward(relocalize(), scans=scans)
     with pytest.raises(ValueError, match="no method called 'none'"):
         SlamPose(goto(), method="none")
 
