@@ -53,24 +53,18 @@ def summary_table(summary: dict[str, Any], poses: str, where: str) -> Table:
     table.add_column("")
     # what was printed is of its own pair of poses; there is a method of that name too
     paper = summary["paper_values"] if poses == "paper" else None
-    table.add_column("paper's table" if paper else "", justify="right", style="dim")
+    if paper:
+        table.add_column("paper's table", justify="right", style="dim")
     for name in methods:
         table.add_column(name, justify="right")
-    nothing = {"mean": None, "max": None, "std": None}
     said = {"Heading max [rad]": "0.01 (text)", "Within 3 cm, 0.01 rad": "100 of 100 (text)"}
-    told = said if paper else {}
-    blank = "-" if paper else ""
-    paper = paper or {"x_cm": nothing, "y_cm": nothing}
     for label, key in (
         ("Average [cm]", "mean"),
         ("Maximum [cm]", "max"),
         ("Std. dev. [cm]", "std"),
     ):
-        table.add_row(
-            escape(label),
-            _pair(paper, key) if told else "",
-            *(_pair(m, key) for m in methods.values()),
-        )
+        columns = [*([paper] if paper else []), *methods.values()]
+        table.add_row(escape(label), *(_pair(one, key) for one in columns))
     rows = {
         "RMSE [mm]": lambda m: _number(m["rmse_mm"], 2),
         "Heading max [rad]": lambda m: _number(m["theta_rad"]["max"], 4),
@@ -88,7 +82,8 @@ def summary_table(summary: dict[str, Any], poses: str, where: str) -> Table:
         **_of_verdicts(summary["experiment"]),
     }
     for label, shown in rows.items():
-        table.add_row(escape(label), told.get(label, blank), *(shown(m) for m in methods.values()))
+        first = [said.get(label, "-")] if paper else []
+        table.add_row(escape(label), *first, *(shown(m) for m in methods.values()))
     return table
 
 

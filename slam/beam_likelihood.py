@@ -41,10 +41,11 @@ _NO_BLURS = np.empty(0)
 _NO_OUTLIERS = np.array([1e-30, 0.0])
 _POINTS = standard_normal_points(256)
 """Where `_widen` looks. Chosen: 64 missed second answers that a hundredth of the smooth beams' volume
-holds; one of 1000 poses then erred by 13 times what it said."""
+holds; the worst NEES of 1000 poses was 181, and is 106."""
 _OPEN_SHARE = 1e-9
 _WIDER = 1.6
-"""Chosen: times the variance; less is what so many points cannot tell."""
+"""Chosen: times the variance; less is what so many points cannot tell. With it the NEES of four
+thousand poses at rest is 2.97; 2.94 with 1.5, 3.1 with 2."""
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,11 @@ class DriveMonitor:
                 self._way_by_wheels_m += way_m
 
     def _take_along(self, step: FrontEndStep, variance_m2: float) -> None:
-        """How far nobody knows the robot went along what its scans leave open."""
-        if _tells(step) and not step.is_open:
+        """How far nobody knows the robot went along what its scans leave open. Those that tell
+        nothing are another matter: the next one that does says where the robot is."""
+        if not _tells(step):
+            return
+        if not step.is_open:
             self._along_m2, self._along_from_s = 0.0, step.time_s
             return
         self._along_m2 += variance_m2

@@ -41,8 +41,13 @@ class DrivenThrough:
     walls: int
 
 
-def driven_through(keyframes: Sequence[Keyframe], poses: FloatArray) -> list[DrivenThrough]:
-    """What the robot drove through on a map of keyframes at poses (K, 3), in the order of the drive."""
+def driven_through(
+    keyframes: Sequence[Keyframe], poses: FloatArray, margins: tuple[float, float]
+) -> list[DrivenThrough]:
+    """What the robot drove through on a map of keyframes at poses (K, 3), in the order of the drive.
+
+    margins: in metres and as a share of the distance, by which beams end farther that went through.
+    """
     if len(keyframes) < 2:
         return []
     clouds = [SE2.from_array(pose) @ one.points for pose, one in zip(poses, keyframes, strict=True)]
@@ -68,7 +73,7 @@ def driven_through(keyframes: Sequence[Keyframe], poses: FloatArray) -> list[Dri
             sides = _sides(_seen_from(cloud, start_m, along), at_m)
             if min(np.count_nonzero(side) for side in sides[:2]) >= _FEW:
                 scans += 1
-                asked = [_passed(cloud[one], keyframes, poses, k) for one in sides[2:]]
+                asked = [_passed(cloud[one], keyframes, poses, k, margins) for one in sides[2:]]
                 walls += True in asked or False not in asked
         if scans:
             found.append(DrivenThrough(k, scans, walls))
@@ -92,7 +97,11 @@ def _sides(on_way: FloatArray, at_m: float) -> list[BoolArray]:
 
 
 def _passed(
-    points: FloatArray, keyframes: Sequence[Keyframe], poses: FloatArray, k: int
+    points: FloatArray,
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    k: int,
+    margins: tuple[float, float],
 ) -> bool | None:
     """Whether beams of a keyframe about there go through most of some points (N, 2); None: none of
     them says anything of these."""
@@ -106,7 +115,7 @@ def _passed(
         T_other_map = SE2.from_array(poses[other]).inverse()
         seen, passed = contradictions(
             points, T_other_map.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m,
-            0.25, 0.03, 0.0,
+            *margins, 0.0,
         )  # fmt: skip
         if seen >= _FEW:
             if 2 * passed > seen:

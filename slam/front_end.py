@@ -247,9 +247,8 @@ class FrontEnd:
             )
             if held.cost < match.cost + config.better:
                 match = held
-        if match.inlier_ratio >= max(
-            config.good_inlier_ratio, config.pause_inlier_ratio * has_paused
-        ):
+        least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
+        if match.inlier_ratio >= max(config.good_inlier_ratio, least):
             return match, StepStatus.MATCHED
         status = StepStatus.MATCHED
         best = self._around(points, T_last, T_predicted, odometry)
@@ -258,11 +257,7 @@ class FrontEnd:
         against = innovation @ odometry @ innovation > config.trust
         if best.cost < match.cost - (config.better_against if against else config.better):
             match, status = best, StepStatus.SEARCHED
-        if (
-            match.inlier_ratio
-            < (config.pause_inlier_ratio if has_paused else config.least_inlier_ratio)
-            or match.seen_ratio < config.least_seen_ratio
-        ):
+        if match.inlier_ratio < least or match.seen_ratio < config.least_seen_ratio:
             return None, StepStatus.BROKEN
         return match, status
 

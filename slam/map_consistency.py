@@ -176,7 +176,7 @@ def _drove_through(
     """Where the robot drove through what many scans saw."""
     found = [
         one
-        for one in driven_through(keyframes, poses)
+        for one in driven_through(keyframes, poses, config.margins)
         if one.scans > config.most_through or one.walls > config.most_walls
     ]
     if not found:

@@ -20,8 +20,10 @@ class MapperConfig:
     start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
     keyframes after which the poses are adjusted, if there are new loops, by so many
     online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
-    what the front end says. patient_rounds, patient_inlier_ratio: of loops looked for where a map
-    does not hold together. Chosen, all of these.
+    what the front end says. crowd: keyframes within crowd_m and crowd_rad of one, of which no more
+    scans are kept, and of those asked for loops but one in crowd_every: memory and time grow with the
+    map, not with the drive. patient_rounds, patient_inlier_ratio: of loops looked for where a map does
+    not hold together. Chosen, all of these.
     """
 
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)

@@ -220,6 +220,7 @@ def test_kernels_are_compiled_though_no_disk_may_be_written(module):
     # a container whose root, home and all, is read-only: Numba finds no place for its cache
     code = f"""
 from numba.core import caching
+assert caching.CacheImpl._locator_classes
 caching.CacheImpl._locator_classes = []
 import {module}
 """

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -167,7 +168,7 @@ def _check_place(place: object) -> None:
 
 def _checked(name: str, span: Span, least: float, most: float) -> None:
     values = _bounds(span)
-    is_number = not isinstance(span, Set) and all(
+    is_number = all(
         isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
         for value in values
     )
@@ -189,7 +190,6 @@ def _up_to_whole(span: Span) -> Span:
     return (low, higher[0] + 1.0 - 1e-9) if higher else low
 
 
-def _bounds(span: Span) -> list[float]:
-    """The one value, or the lower and the upper."""
-    # of NumPy's numbers too, which may be asked for items they have not
-    return list(span) if isinstance(span, Iterable) and np.ndim(span) else [span]  # type: ignore[list-item]
+def _bounds(span: Span) -> list[Any]:
+    """The one value, or the lower and the upper; of what is neither, what `_checked` refuses."""
+    return list(np.ravel(np.asarray(span, dtype=object)))

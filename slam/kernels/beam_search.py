@@ -14,9 +14,9 @@ from slam.kernels.beam_likelihood import (
     OFFSET_PULL,
     look,
 )
+from slam.kernels.edge_moments import moments_about
 from slam.kernels.edges import (
     edge_likelihoods,
-    moments_about,
     propagate,
     ranges_beside,
     share_absent,

@@ -63,12 +63,13 @@ def way_pairs(poses: ArrayLike, delta_m: float, is_overlapping: bool = True) -> 
     poses = frozen_array(poses, (None, 3), "poses")
     steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     way_m = np.concatenate([np.zeros(min(len(poses), 1)), np.cumsum(steps_m)])
-    pairs = _pairs(way_m, delta_m, is_overlapping)
-    return _nearest(way_m, delta_m) if is_overlapping else pairs
+    return _nearest(way_m, delta_m) if is_overlapping else _pairs(way_m, delta_m, False)
 
 
 def _nearest(values: FloatArray, delta: float) -> IntArray:
-    """Rows with the one behind whose value is most nearly larger by delta, within a tenth of it."""
+    """Rows with the one behind whose value is most nearly larger by delta, within a tenth of it; the
+    values do not fall."""
+    _check_delta(delta)
     if len(values) < 2:
         return np.empty((0, 2), dtype=np.int64)
     first = np.arange(len(values))
@@ -82,8 +83,7 @@ def _nearest(values: FloatArray, delta: float) -> IntArray:
 
 def _pairs(values: FloatArray, delta: float, is_overlapping: bool) -> IntArray:
     """Rows with the first one behind whose value is larger by delta; the values do not fall."""
-    if not delta > 0.0:
-        raise ValueError(f"a relative pose error needs a delta above 0, not {delta}")
+    _check_delta(delta)
     if (np.diff(values) < 0.0).any():
         raise ValueError("a relative pose error over time needs times that do not go back")
     # sums of steps miss a round delta by rounding
@@ -97,3 +97,8 @@ def _pairs(values: FloatArray, delta: float, is_overlapping: bool) -> IntArray:
         chain.append(pairs[start])
         start = int(pairs[start, 1])
     return np.asarray(chain, dtype=np.int64).reshape(-1, 2)
+
+
+def _check_delta(delta: float) -> None:
+    if not delta > 0.0:
+        raise ValueError(f"a relative pose error needs a delta above 0, not {delta}")

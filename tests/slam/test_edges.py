@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
+from slam.kernels.edge_moments import moments_about
 from slam.kernels.edges import (
     edge_likelihoods,
-    moments_about,
     propagate,
     ranges_beside,
     share_absent,

@@ -24,6 +24,8 @@ from tests.slam import ring
 from tests.slam.logs import shared_log
 from tests.slam.synthetic import box, room
 
+MARGINS = ConsistencyConfig().margins
+
 
 def mapped(measurements) -> SlamMap:
     mapper = Mapper(ring.T_BASE_LASER)
@@ -174,6 +176,10 @@ def test_map_that_ends_with_neither_scans_nor_wheels_is_called_failed(poses):
         for one in ring.drive(poses[:90], np.random.default_rng(2))
     ]
     assert mapped(measurements).verdict.is_good
+    # blind for a while in between, the next scan says where it is
+    assert mapped(blinded(measurements, 40, 70)).steps[70].status is not StepStatus.CARRIED
+    between = mapped(blinded(measurements, 40, 70)).verdict.reasons
+    assert not any("neither scans nor wheels" in reason for reason in between)
     found = mapped(blinded(measurements, 60, 90))
     assert not found.verdict.is_good
     assert "neither scans nor wheels" in found.verdict.reasons[0]
@@ -228,12 +234,12 @@ def test_ranges_in_other_units_than_the_wheels_are_told(poses, scale, is_good):
 
 
 def test_map_on_which_the_robot_drove_through_a_wall_is_called_failed(slam_map):
-    assert driven_through(slam_map.keyframes, slam_map.poses) == []
+    assert driven_through(slam_map.keyframes, slam_map.poses, MARGINS) == []
     # wheels that told the end of the first corridor 4 m longer than scans from afar had seen it
     long = slam_map.poses.copy()
     turn = next(k for k, pose in enumerate(long) if pose[1] > 1.0)
     long[:, 0] += 4.0 * np.clip((np.arange(len(long)) - turn + 20) / 16.0, 0.0, 1.0)
-    found = driven_through(slam_map.keyframes, long)
+    found = driven_through(slam_map.keyframes, long, MARGINS)
     assert max(one.scans for one in found) > 9
     verdict = judged(slam_map.keyframes, long, (), ())
     assert any("drove through a wall" in reason for reason in verdict.reasons)
@@ -250,7 +256,7 @@ def test_door_that_was_opened_for_the_robot_is_no_wall():
     after = ring.drive(poses[34:], np.random.default_rng(3), 1.0, 1.0, opened)[1:]
     drive = [replace(one, time_s=0.2 * k) for k, one in enumerate([*before, *after])]
     found = mapped(drive)
-    through = driven_through(found.keyframes, found.poses)
+    through = driven_through(found.keyframes, found.poses, MARGINS)
     assert max(one.scans for one in through) > 5
     assert max(one.walls for one in through) == 0
     assert found.verdict.is_good
