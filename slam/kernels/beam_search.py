@@ -16,6 +16,7 @@ from slam.kernels.beam_likelihood import (
 )
 from slam.kernels.edge_moments import moments_about
 from slam.kernels.edges import (
+    doubt,
     edge_likelihoods,
     propagate,
     ranges_beside,
@@ -291,6 +292,7 @@ def sharpen(
         ranges, edges, measured, noise, limits, outliers, shares, absent, predicted, likelihoods
     )
     likelihoods[absent == 1.0] = 1.0
+    doubt(likelihoods)
     smoothed(likelihoods, edge_blurs)
     mean = np.zeros(3)
     propagate(information, axes, shifts, likelihoods, sweeps, mean, covariance)

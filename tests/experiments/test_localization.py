@@ -156,3 +156,16 @@ def test_methods_do_not_change_the_measurements_of_each_other(quick_config):
     second = run_trial(alone, generator("localization", 0, 0))
     assert first.scans[0].ranges_m.tobytes() == second.scans[0].ranges_m.tobytes()
     assert first.outcomes["line"].record() == second.outcomes["line"].record()
+
+
+# light that an edge split, at these places, for that of the wall it did not come from
+MISLED = [(3103, 364), (3103, 531), (3003, 680), (3003, 343)]
+
+
+@pytest.mark.parametrize(("seed", "index"), MISLED)
+def test_beam_that_is_wrong_about_an_edge_leaves_the_covariance_honest(seed, index):
+    config = TrialConfig(poses="random", methods=("limit",))
+    outcome = run_trial(config, generator("localization", seed, index)).outcomes["limit"]
+    # 106, 82, 60 and 48 where one beam may outweigh all others
+    assert outcome.nees < 38.0
+    assert outcome.match.is_matched

@@ -6,6 +6,7 @@ import pytest
 from slam.beams import Beams
 from slam.kernels.edge_moments import moments_about
 from slam.kernels.edges import (
+    doubt,
     edge_likelihoods,
     propagate,
     ranges_beside,
@@ -349,3 +350,9 @@ def test_points_fill_a_normal_distribution_and_so_does_any_stretch_of_them(stret
     points = standard_normal_points(256)[stretch]
     assert np.abs(points.mean(axis=0)).max() < 0.16
     assert np.cov(points.T) == pytest.approx(np.eye(3), abs=0.2)
+
+
+def test_one_beam_makes_no_place_less_likely_than_an_eighth_of_its_best():
+    likelihoods = np.array([[1e-9, 0.5, 40.0], [0.2, 0.3, 0.25]])
+    doubt(likelihoods)
+    np.testing.assert_allclose(likelihoods, [[40.0 * np.exp(-2.0)] * 2 + [40.0], [0.2, 0.3, 0.25]])
