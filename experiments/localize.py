@@ -18,7 +18,7 @@ from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.known_map import KnownMap
 from slam.localization import Estimate
-from slam.readers.log import Log
+from slam.readers.log import Log, LogChoice
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.trajectory import Trajectory, write_tum
@@ -37,7 +37,8 @@ robot that is lost; reasons joined by "; "."""
 class LocalizedLog:
     """The estimates of a log's scans in order, on the map that they were found on.
 
-    start: the pose given for the first scan, None if it was unknown.
+    start: the pose given for the first scan, None if it was unknown. notes: what of the log was
+    taken, in words.
     """
 
     name: str
@@ -48,6 +49,7 @@ class LocalizedLog:
     last_points: np.ndarray
     """(N, 2) of the last scan that was tracked, map frame [m]."""
     start: SE2 | None = None
+    notes: tuple[str, ...] = ()
 
     def placed(self) -> tuple[Estimate, ...]:
         """The estimates from the first on that has a pose at all, be it a guess."""
@@ -91,17 +93,21 @@ def run(
     start: SE2 | None,
     config: LogConfig | None = None,
     on_scan: Callable[[int, int, Estimate], None] | None = None,
+    choice: LogChoice | None = None,
 ) -> LocalizedLog:
     """Every scan of a recorded log on a ROS map, from a start or from nowhere.
 
-    on_scan: told of each, with its number and how many there are. Raises ValueError for files that
+    on_scan: told of each, with its number and how many there are. choice: of what the log leaves
+    open. Raises ValueError for files that
     are not what they should be, OSError for unreadable ones.
     """
     config = config or LogConfig()
     known = map_of_file(map_path, config.laser)
-    log = read_log(log_path)
+    log = read_log(log_path, choice)
     estimates, last = localized(known, log, start, config, on_scan)
-    return LocalizedLog(log.name, map_path.name, config, known, tuple(estimates), last, start)
+    return LocalizedLog(
+        log.name, map_path.name, config, known, tuple(estimates), last, start, log.notes
+    )
 
 
 def localized(

@@ -25,7 +25,7 @@ from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations
 from slam.pose_lookup import PoseLookup
-from slam.readers.log import Log, MotionSinceScan
+from slam.readers.log import Log, LogChoice, MotionSinceScan
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
@@ -46,7 +46,8 @@ class SlamLog:
     with the last scan, None where the system does not tell.
     evaluation: against a reference, where there is one. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, None: with none.
-    wheels: what calibrating them from the drive gave, where the log tells their ticks.
+    wheels: what calibrating them from the drive gave, where the log tells their ticks. notes: what of
+    the log was taken, in words.
     """
 
     name: str
@@ -61,6 +62,7 @@ class SlamLog:
     continued: str | None = None
     joined_at: int | None = None
     wheels: dict[str, Any] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def way_m(self) -> float:
@@ -119,11 +121,12 @@ def run(
     on_scan: OnScan | None = None,
     map_path: Path | None = None,
     start: SE2 | None = None,
+    choice: LogChoice | None = None,
 ) -> SlamLog:
     """Maps a log, with one set of parameters for all; as one more session of a map, if one is given.
 
     on_scan: told of each scan's number, how many there are, and its step. start: pose of the first
-    scan on that map, if it is known. Raises ValueError for files that are not what they should be,
+    scan on that map, if it is known. choice: of what the log leaves open. Raises ValueError for files that are not what they should be,
     OSError for unreadable ones.
     """
     # refused now rather than after the log
@@ -133,13 +136,13 @@ def run(
     if known is not None and start is not None:
         _check_start(known, start)
     mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
-    log = read_log(log_path)
+    log = read_log(log_path, choice)
     log.check_sees()
     if against is not None:
         _check_same_time(log, against.times_s, reference)
     if related is not None:
         _check_same_time(log, related.times_s.ravel(), relations)
-    result = _best_mapped(log, mapped)
+    result = replace(_best_mapped(log, mapped), notes=log.notes)
     if map_path is not None:
         result = replace(result, continued=map_path.name)
     if against is None and related is None:

@@ -23,6 +23,9 @@ MAY_IMPORT = {
 ONLY_IN = {
     "kitasap_sim/env/kernels.py": {"numba"},
     "slam/map_files.py": {"PIL", "yaml"},
+    "slam/readers/bag_files.py": {
+        *("rosbags", "apsw", "lz4", "backports", "compression", "yaml"),
+    },
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
     "experiments/figures/against_bound.py": {"matplotlib"},
     "experiments/figures/canvas.py": {"matplotlib"},

@@ -6,12 +6,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from experiments.commands.options import RESULTS, Log, LogMethod, LogOut, Seed
+from experiments.commands.options import (
+    RESULTS,
+    Log,
+    LogMethod,
+    LogOut,
+    Mount,
+    OdomTopic,
+    ScanTopic,
+    Seed,
+)
 from experiments.outputs import checked_beside_runs
 from experiments.protocols import DEFAULT_METHOD
 
 if TYPE_CHECKING:
     from slam.mapping import MapperStep
+    from slam.readers.log import LogChoice
     from slam.se2 import SE2
 
 
@@ -93,6 +103,9 @@ def localize(
     ] = None,
     out: LogOut = RESULTS / "localize",
     method: LogMethod = DEFAULT_METHOD["localize"],
+    scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = None,
+    mount: Mount = None,
 ) -> None:
     """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure.
 
@@ -103,24 +116,38 @@ def localize(
     from experiments.known_maps import LogConfig
     from experiments.progress import ScanProgress
 
-    T_start = _pose(start)
+    T_start, choice = _pose(start), _choice(scan_topic, odom_topic, mount)
     checked_beside_runs(out)
     with ScanProgress(log.name) as progress:
-        result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update)
+        result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update, choice)
     localizing.write_results(result, out)
     localized_log_picture(out, result)
     summary = result.summary()
+    _print_notes(result.notes)
     print(localizing.table(summary))
     print(f"results and figures: {out}")
     raise typer.Exit(0 if summary["tracking"] else 1)
 
 
-def _pose(start: tuple[float, float, float] | None) -> "SE2 | None":
+def _pose(typed: tuple[float, float, float] | None, option: str = "--start") -> "SE2 | None":
     from slam.se2 import SE2
 
-    if start is not None and not all(map(math.isfinite, start)):
-        raise ValueError(f"--start takes three finite numbers, not {start}")
-    return None if start is None else SE2(*start)
+    if typed is not None and not all(map(math.isfinite, typed)):
+        raise ValueError(f"{option} takes three finite numbers, not {typed}")
+    return None if typed is None else SE2(*typed)
+
+
+def _choice(
+    scan_topic: str | None, odom_topic: str | None, mount: tuple[float, float, float] | None
+) -> "LogChoice":
+    from slam.readers.log import LogChoice
+
+    return LogChoice(scan_topic, odom_topic, _pose(mount, "--mount"))
+
+
+def _print_notes(notes: tuple[str, ...]) -> None:
+    for note in notes:
+        print(note)
 
 
 def slam(
@@ -144,6 +171,9 @@ def slam(
             help="Pose at the first scan on --map: x y [m], heading [rad]; else searched."
         ),
     ] = None,
+    scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = None,
+    mount: Mount = None,
 ) -> None:
     """Maps a recorded log: trajectory of every record, ROS map, pose graph, picture, verdict."""
     from experiments import evaluation, slam_files, slam_log
@@ -152,7 +182,7 @@ def slam(
 
     if start is not None and known_map is None:
         raise ValueError("--start is a pose on the map that is continued: give --map as well")
-    T_start = _pose(start)
+    T_start, choice = _pose(start), _choice(scan_topic, odom_topic, mount)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
     checked_beside_runs(out)
@@ -162,10 +192,11 @@ def slam(
             online.add(index, step)
             progress.update(index, scans, step)
 
-        result = slam_log.run(log, reference, relations, on_scan, known_map, T_start)
+        result = slam_log.run(log, reference, relations, on_scan, known_map, T_start, choice)
     unwritten = slam_files.write_results(result, out)
     slam_map_picture(out, result)
     summary = result.summary()
+    _print_notes(result.notes)
     print(slam_log.table(summary))
     if result.evaluation is not None:
         print(evaluation.table(result.evaluation.summary(), log.name))

@@ -61,7 +61,22 @@ Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder pe
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]
 Trials = Annotated[int, typer.Option(min=1, help="How many.")]
 
-Log = Annotated[Path, typer.Argument(help="A recorded log, gz or plain.")]
+Log = Annotated[Path, typer.Argument(help="A recorded log, gz or plain, or a ROS bag.")]
+ScanTopic = Annotated[
+    str | None, typer.Option(help="Of a ROS bag, its LaserScan topic; default: told by its type.")
+]
+OdomTopic = Annotated[
+    str | None,
+    typer.Option(
+        help="Of a ROS bag, its Odometry topic, or /tf; default: told by its type, else /tf."
+    ),
+]
+Mount = Annotated[
+    tuple[float, float, float] | None,
+    typer.Option(
+        help="Of the laser on the robot: x y [m] and heading [rad]; default: as the log has it."
+    ),
+]
 LogOut = Annotated[Path, typer.Option(help="Folder of the results.")]
 LogMethod = Annotated[str, typer.Option(help="open3d, fast or limit.")]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,43 +23,23 @@ from slam.readers.carmen_lines import (
 )
 from slam.readers.lines import numbers, text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.log_odometry import (
+    USUAL_NOISE,
+    LogOdometryNoise,
+    ScansBetweenPoses,
+    unknown_motion,
+)
 from slam.readers.no_return import NoReturnSearch
 from slam.se2 import SE2
 
 _LOG_DECIMALS = 6
 _MOUNTING_TOLERANCE = 1e-3
 """By which the mounting may differ from scan to scan; chosen: logs with three decimals do so."""
-_MOST_WAITING = 256
-"""Scans that wait for the next odometry record; chosen: some ten seconds of any laser."""
-_NO_ODOMETRY = (1.0, 1.0, 1.0)
-"""Sigmas [m, m, rad] of a motion of which nothing is known; chosen: no robot goes as far from one
-scan to the next."""
 # Of PARAM lines robot_frontlaser_.. and robot_rearlaser_..: where CARMEN has the sensor.
 _PARAMETER_ENDS = ("offset", "side_offset", "angular_offset")
 _PARAMETERS = {f"robot_{side}laser_{end}" for side in ("front", "rear") for end in _PARAMETER_ENDS}
 _USUAL_MOUNTINGS = {"RAWLASER2": SE2(0.0, 0.0, math.pi)}
 """CARMEN's second laser looks backward."""
-
-
-@dataclass(frozen=True)
-class LogOdometryNoise:
-    """How far to trust odometry of which only the poses are known, not the wheels.
-
-    Chosen: 5 cm after a metre, 2 degrees after a metre and 3 after a radian are what the classic
-    indoor robots show against their corrected logs.
-    """
-
-    position_m_per_sqrt_m: float = 0.05
-    heading_rad_per_sqrt_m: float = 0.035
-    heading_rad_per_sqrt_rad: float = 0.05
-
-    def covariance(self, motion: SE2) -> FloatArray:
-        """(3, 3) of the tangent (x, y, theta) in the robot's frame at the end of the motion."""
-        distance_m = math.hypot(motion.x, motion.y)
-        position = self.position_m_per_sqrt_m**2 * distance_m
-        heading = self.heading_rad_per_sqrt_m**2 * distance_m
-        heading += self.heading_rad_per_sqrt_rad**2 * abs(motion.theta)
-        return np.diag([position, position, heading])
 
 
 @dataclass(frozen=True)
@@ -79,7 +59,7 @@ class CarmenConfig:
     range_max_m: float = 50.0
     T_base_laser: SE2 | None = None
     laser: str | None = None
-    noise: LogOdometryNoise = LogOdometryNoise()
+    noise: LogOdometryNoise = USUAL_NOISE
 
     def __post_init__(self) -> None:
         if self.laser is not None and self.laser not in LASERS:
@@ -111,58 +91,26 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
             survey.counts[laser] + survey.counts["ODOM"],
             partial(_records, path, laser, survey.fan_of(laser)),
         ),
-        noise=config.noise.covariance if has_odometry else _unknown_motion,
+        noise=config.noise.covariance if has_odometry else unknown_motion,
         has_odometry=has_odometry,
         is_blind=survey.codes[laser].is_blind,
     )
 
 
 def _records(path: Path, laser: str, fan: Fan) -> Iterator[LogRecord]:
-    """The records of a file, one after the other.
-
-    Scans without a pose of their own wait for the odometry record behind them, between whose pose
-    and that of the one before they lie by their stamps.
-    """
-    waiting: deque[LaserLine] = deque()
-    before: tuple[float, SE2] | None = None
+    """The records of a file, one after the other."""
+    waiting = ScansBetweenPoses()
     for number, fields in _lines(path):
         place = f"{path.name} line {number}"
         if fields[0] == "ODOM":
-            after = odometry_of(fields, place)
-            while waiting:
-                line = waiting.popleft()
-                yield LogRecord(line.time_s, _between(before, after, line.time_s), line.scan())
-            yield LogRecord(*after, None)
-            before = after
+            yield from waiting.add_pose(*odometry_of(fields, place))
         elif fields[0] == laser:
             line = laser_of(fields, place, fan)
             if line.T_odom_base is not None:
                 yield LogRecord(line.time_s, line.T_odom_base, line.scan())
             else:
-                waiting.append(line)
-        if len(waiting) > _MOST_WAITING:
-            line = waiting.popleft()
-            yield LogRecord(line.time_s, _last(before), line.scan())
-    while waiting:
-        line = waiting.popleft()
-        yield LogRecord(line.time_s, _last(before), line.scan())
-
-
-def _between(before: tuple[float, SE2] | None, after: tuple[float, SE2], time_s: float) -> SE2:
-    """The pose at a time on the arc between two odometry records, or at the nearer end of it."""
-    if before is None or after[0] <= before[0]:
-        return after[1]
-    share = min(max((time_s - before[0]) / (after[0] - before[0]), 0.0), 1.0)
-    return before[1] @ SE2.exp(share * (before[1].inverse() @ after[1]).log())
-
-
-def _last(before: tuple[float, SE2] | None) -> SE2:
-    return SE2.identity() if before is None else before[1]
-
-
-def _unknown_motion(motion: SE2) -> FloatArray:
-    """(3, 3) of a motion that nothing measured."""
-    return np.diag(np.square(_NO_ODOMETRY))
+                yield from waiting.add_scan(line.time_s, line.scan)
+    yield from waiting.rest()
 
 
 @dataclass

@@ -17,6 +17,19 @@ MotionNoise = Callable[[SE2], FloatArray]
 
 
 @dataclass(frozen=True)
+class LogChoice:
+    """What to read of a log, where it leaves that open.
+
+    scan_topic, odom_topic: of a ROS bag; None takes them by their types. T_base_laser: the mounting of
+    the laser, upright; None takes that which the log tells.
+    """
+
+    scan_topic: str | None = None
+    odom_topic: str | None = None
+    T_base_laser: SE2 | None = None
+
+
+@dataclass(frozen=True)
 class LogRecord:
     """One entry of a log: the robot's pose by wheel odometry alone, and the scan if it has one."""
 
@@ -48,7 +61,8 @@ class Log:
 
     has_odometry: False where the log has scans alone; the motions are then nothing but a guess.
     is_blind: True where no beam of any scan came back.
-    wheels: of a log of encoder ticks; with_wheels: the same log by other wheels.
+    wheels: of a log of encoder ticks; with_wheels: the same log by other wheels. notes: in words, what
+    of a recording with several sensors was taken.
     """
 
     name: str
@@ -60,6 +74,7 @@ class Log:
     is_blind: bool = False
     wheels: WheelModel | None = None
     with_wheels: Callable[[WheelModel], Log] | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
 
     def check_sees(self) -> None:
         """Raises ValueError, in one line that names the log, where there is nothing to map."""

@@ -2,42 +2,80 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from slam.readers.carmen import read_carmen
+from slam.readers.carmen import CarmenConfig, read_carmen
 from slam.readers.carmen_lines import KEYWORDS
 from slam.readers.lines import text_lines
-from slam.readers.log import Log
-from slam.readers.ticks import FIRST_RANGE, read_ticks
+from slam.readers.log import Log, LogChoice
+from slam.readers.ticks import FIRST_RANGE, TicksConfig, read_ticks
 
 _LINES_LOOKED_AT = 1000
 """Chosen: logs begin with comments and parameters, at most some hundred."""
+_BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+_BAG_MAGICS = (b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3\0")
 _EXPECTED = (
     f"a CARMEN log (lines {', '.join(KEYWORDS)}) or encoder ticks and ranges"
-    f" (lines of more than {FIRST_RANGE} numbers)"
+    f" (lines of more than {FIRST_RANGE} numbers), or a ROS bag"
 )
 
 
-def read_log(path: str | Path) -> Log:
-    """The log in a file, plain or gzip'd, of the format that its first lines tell.
+def read_log(path: str | Path, choice: LogChoice | None = None) -> Log:
+    """The log in a file, plain or gzip'd, or a ROS bag, of the format that its beginning tells.
 
-    Raises ValueError, one line that names the file, for a file of another kind, or one that is cut
-    or damaged; OSError when the file cannot be opened.
+    choice: of what the log leaves open. Raises ValueError, one line that names the file, for a file
+    of another kind, or one that is cut or damaged; OSError when the file cannot be opened;
+    ImportError for a bag without the library that reads it.
     """
-    path = Path(path)
-    found = "is empty"
+    path, choice = Path(path), choice or LogChoice()
+    if _is_bag(path):
+        return _read_bag(path, choice)
+    T_base_laser, found = choice.T_base_laser, "is empty"
     for number, line in text_lines(path, _EXPECTED):
         fields = line.split()
         if fields and fields[0] in KEYWORDS:
-            return read_carmen(path)
+            _check_has_no_topics(path, choice)
+            return read_carmen(path, CarmenConfig(T_base_laser=T_base_laser))
         if fields and not fields[0].startswith("#"):
             if len(fields) > FIRST_RANGE and all(map(_is_number, fields)):
-                return read_ticks(path)
+                _check_has_no_topics(path, choice)
+                config = TicksConfig()
+                return read_ticks(
+                    path,
+                    config if T_base_laser is None else replace(config, T_base_laser=T_base_laser),
+                )
             if found == "is empty":
                 found = f"line {number} begins '{' '.join(fields)[:40]}'"
         if number >= _LINES_LOOKED_AT:
             break
     raise ValueError(f"{path.name}: {found}; expected {_EXPECTED}")
+
+
+def _is_bag(path: Path) -> bool:
+    """Whether a path is a bag, or called one: a folder, or a file that begins or ends like one."""
+    if path.is_dir() or path.suffix in _BAG_SUFFIXES:
+        return path.exists()
+    with path.open("rb") as file:
+        return file.read(16).startswith(_BAG_MAGICS)
+
+
+def _read_bag(path: Path, choice: LogChoice) -> Log:
+    try:
+        from slam.readers.ros_bag import read_ros_bag
+    except ImportError as error:
+        raise ImportError(
+            f"{path.name} is a ROS bag, and to read it {error.name} is missing:"
+            " pip install 'kitasap[ros]'"
+        ) from error
+    return read_ros_bag(path, choice)
+
+
+def _check_has_no_topics(path: Path, choice: LogChoice) -> None:
+    if choice.scan_topic is not None or choice.odom_topic is not None:
+        raise ValueError(
+            f"{path.name}: --scan-topic and --odom-topic are of ROS bags, and this is none"
+        )
 
 
 def _is_number(field: str) -> bool:
