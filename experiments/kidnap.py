@@ -16,6 +16,7 @@ import numpy as np
 from experiments.bounds import scan_bound
 from experiments.localization import in_view, make_localizers, start_poses, update_all
 from experiments.methods import KnownPlace
+from experiments.observer import NOBODY, TrialObserver
 from experiments.paper import KIDNAP_MOTION
 from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult
@@ -26,6 +27,7 @@ from kitasap_sim.simulation import Simulation
 from slam.beams import Beams
 from slam.localization import Localizer
 from slam.measurements import LaserScan, Measurement
+from slam.se2 import SE2
 from slam.verdict import Status
 
 NAME = "kidnap"
@@ -67,7 +69,9 @@ class KidnapResult(TrialResult):
         return record
 
 
-def run_trial(config: TrialConfig, rng: np.random.Generator) -> KidnapResult:
+def run_trial(
+    config: TrialConfig, rng: np.random.Generator, observer: TrialObserver = NOBODY
+) -> KidnapResult:
     """One trial: every method gets the same measurements, until it is sure."""
     known, (pose_rng, simulation_rng) = config.known_place, rng.spawn(2)
     simulation = config.simulation(simulation_rng)
@@ -75,16 +79,19 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> KidnapResult:
     simulation.reset(pose)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
     localizers = make_localizers(config, believed, may_be_lost=True)
-    before = source.measurement(simulation.next_frame())
-    true_before = simulation.truth().pose
+    observer.begins(simulation, SE2.from_array(believed))
+    frame = simulation.next_frame()
+    before, true_before = source.measurement(frame), simulation.truth().pose
+    observer.frame(frame, true_before)
     scores = {name: {"before": _score(known, one, before)} for name, one in localizers.items()}
     at_first, _ = update_all(config, localizers, before, true_before)
+    observer.estimates(at_first)
     alarms = {name: o.verdict.status is Status.LOST for name, o in at_first.items()}
     kidnap(simulation, _target(config, simulation.world, pose, believed, pose_rng))
     legs_m = simulation.people_m().reshape(-1, 2) - simulation.truth().pose[:2]
     if (np.hypot(*legs_m.T) < _CLEAR_OF_PEOPLE_M).any():
         simulation.scatter_people()
-    looks = _Looks(config, simulation, source, localizers)
+    looks = _Looks(config, simulation, source, localizers, observer)
     looks.take(scores)
     bound = scan_bound(known, config.true_laser, looks.measurement.scan, looks.true)
     seen = in_view(simulation)
@@ -107,9 +114,10 @@ class _Looks:
         simulation: Simulation,
         source: MeasurementSource,
         localizers: dict[str, Localizer],
+        observer: TrialObserver,
     ) -> None:
         self._config, self._simulation, self._source = config, simulation, source
-        self._localizers = localizers
+        self._localizers, self._observer = localizers, observer
         self._waiting = dict(localizers)
         self.outcomes: dict[str, Outcome] = {}
         self.scans: dict[str, LaserScan] = {}
@@ -128,12 +136,15 @@ class _Looks:
 
     def take(self, scores: dict[str, dict[str, Any]] | None = None) -> None:
         """One more scan; scores: to be noted what it says for the poses believed so far."""
-        self.measurement = self._source.measurement(self._simulation.next_frame())
+        frame = self._simulation.next_frame()
+        self.measurement = self._source.measurement(frame)
         for name, noted in (scores or {}).items():
             known = self._config.known_place
             noted["after"] = _score(known, self._localizers[name], self.measurement)
         self.true = self._simulation.truth().pose
+        self._observer.frame(frame, self.true)
         outcomes, cpu_s = update_all(self._config, self._waiting, self.measurement, self.true)
+        self._observer.estimates(outcomes)
         self._count += 1
         self.outcomes |= outcomes
         self.scans |= dict.fromkeys(outcomes, self.measurement.scan)
@@ -154,6 +165,7 @@ class _Looks:
             return
         for frame in Pilot(self._simulation).turn(turn_rad):
             passed = self._source.measurement(frame)
+            self._observer.frame(frame, self._simulation.truth().pose)
             for localizer in self._waiting.values():
                 localizer.move(passed.time_s, passed.motion, passed.motion_covariance)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from experiments.bounds import scan_bound
 from experiments.methods import METHODS
+from experiments.observer import NOBODY, TrialObserver
 from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult
 from kitasap_sim.hand import Operator
@@ -26,17 +27,22 @@ _ON_A_LEG_M = 0.10
 """From the axis of a leg: its radius, and what it has walked since the beam ended on it."""
 
 
-def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrialResult:
+def run_trial(
+    config: TrialConfig, rng: np.random.Generator, observer: TrialObserver = NOBODY
+) -> TrialResult:
     """One trial: every method gets the same measurement."""
     known, (pose_rng, simulation_rng) = config.known_place, rng.spawn(2)
     simulation = config.simulation(simulation_rng)
     pose, believed = start_poses(config, simulation.world, pose_rng)
     simulation.reset(pose)
     source = MeasurementSource(known.laser, simulation.wheel_ticks())
-    measurement = source.measurement(simulation.next_frame())
-    true = simulation.truth().pose
+    observer.begins(simulation, SE2.from_array(believed))
+    frame = simulation.next_frame()
+    measurement, true = source.measurement(frame), simulation.truth().pose
+    observer.frame(frame, true)
     localizers = make_localizers(config, believed)
     outcomes, cpu_s = update_all(config, localizers, measurement, true)
+    observer.estimates(outcomes)
     bound = scan_bound(known, config.true_laser, measurement.scan, true)
     return TrialResult(
         [true], outcomes, simulation.time_s, bound, cpu_s, [measurement.scan], in_view(simulation)

@@ -15,6 +15,7 @@ import numpy as np
 
 from experiments.map_quality import MapQuality, TrueMap
 from experiments.mapping_drive import measured, round_through, track_or_round
+from experiments.observer import NOBODY, TrialObserver
 from experiments.trials import TrialConfig
 from experiments.worlds import simulated
 from kitasap_sim.laser import laser
@@ -28,6 +29,7 @@ from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.metrics import AbsoluteErrors, absolute_errors
 from slam.se2 import SE2
+from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
 
 NAME = "mapping"
@@ -49,12 +51,13 @@ PAPER_MAPPING = IcpConfig(
 @dataclass(frozen=True, eq=False)
 class MadeMap:
     """What one method made of a drive: where each scan was taken, and the points (K, 2) [m], in the
-    frame of the first pose. verdict: what it says of itself, where it can; facts: what else."""
+    frame of the first pose. verdict: what it says of itself, where it can; facts: what else; slam_map: of a `Mapper`, all of it."""
 
     trajectory: Trajectory
     points: FloatArray
     verdict: MapVerdict | None = None
     facts: dict[str, Any] = field(default_factory=dict)
+    slam_map: SlamMap | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +144,9 @@ class AnyMapper(Protocol):
         """Places one scan."""
 
 
-def run_trial(config: TrialConfig, rng: np.random.Generator) -> MappingResult:
+def run_trial(
+    config: TrialConfig, rng: np.random.Generator, observer: TrialObserver = NOBODY
+) -> MappingResult:
     """One trial: every method gets the same measurements."""
     way_rng, odometry_rng, simulation_rng = rng.spawn(3)
     odometry = OdometrySpread().drawn(odometry_preset(config.odometry), odometry_rng)
@@ -155,7 +160,7 @@ def run_trial(config: TrialConfig, rng: np.random.Generator) -> MappingResult:
     corners_m = go(simulation.world, way_rng)
     mappers = {name: _mapper(name, config) for name in config.methods}
     cpu_s, true_poses, times_s = dict.fromkeys(mappers, 0.0), [], []
-    for measurement, true in measured(config.known_place.laser, simulation, corners_m):
+    for measurement, true in measured(config.known_place.laser, simulation, corners_m, observer):
         true_poses.append(true)
         times_s.append(measurement.time_s)
         for name, mapper in mappers.items():
@@ -216,7 +221,7 @@ def _finished(mapper: AnyMapper) -> MadeMap:
             "loops": len(slam_map.loops),
             "loops_rejected": len(slam_map.rejected),
         }
-        return MadeMap(slam_map.trajectory, slam_map.points, slam_map.verdict, facts)
+        return MadeMap(slam_map.trajectory, slam_map.points, slam_map.verdict, facts, slam_map)
     assert isinstance(mapper, IcpMapper)
     made = mapper.finish()
     return MadeMap(made.trajectory, made.points)

@@ -1,7 +1,10 @@
 """The drive by which a place is mapped: its track, or a round through all of it, by sight."""
 
+from __future__ import annotations
+
 import itertools
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +18,10 @@ from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.surfaces import Surfaces
+
+if TYPE_CHECKING:
+    # it knows trials, which know this module
+    from experiments.observer import TrialObserver
 
 _TOUR_M = 1.5
 """Chosen: a round through a place comes so near to every spot of its free space."""
@@ -48,7 +55,10 @@ def round_through(place: Place, rng: np.random.Generator) -> FloatArray:
 
 
 def measured(
-    laser: LaserSpec, simulation: Simulation, corners_m: FloatArray
+    laser: LaserSpec,
+    simulation: Simulation,
+    corners_m: FloatArray,
+    observer: TrialObserver | None = None,
 ) -> Iterator[tuple[Measurement, FloatArray]]:
     """The measurements of a drive along corners (C, 2) [m], each with the true pose (3,).
 
@@ -57,8 +67,13 @@ def measured(
     start = simulation.place.start
     simulation.reset(np.array([*corners_m[0], start[2]]))
     source = MeasurementSource(laser, simulation.wheel_ticks())
+    if observer is not None:
+        observer.begins(simulation, SE2.identity())
     for frame in _driven(simulation, corners_m):
-        yield source.measurement(frame), simulation.truth().pose
+        true = simulation.truth().pose
+        if observer is not None:
+            observer.frame(frame, true)
+        yield source.measurement(frame), true
 
 
 def made_surfaces(place: Place, laser: LaserSpec) -> Surfaces:

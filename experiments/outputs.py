@@ -5,6 +5,7 @@ import json
 import os
 import tempfile
 from collections.abc import Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
 
@@ -38,6 +39,19 @@ def checked_file(path: Path) -> Path:
         raise ValueError(f"a file is to be written, and {path} is a folder")
     if path.exists() and not os.access(path, os.W_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    _check_writable(path.parent, path)
+    return path
+
+
+def checked_bag(path: Path) -> Path:
+    """The path of a ROS bag, if it can be written and nothing is there yet.
+
+    Raises ValueError where there is, ImportError without the library that writes bags.
+    """
+    if find_spec("rosbags") is None:
+        raise ImportError("a ROS bag is written by rosbags: pip install 'kitasap[ros]'")
+    if path.exists():
+        raise ValueError(f"{path} is there already, and is not written over: move it away")
     _check_writable(path.parent, path)
     return path
 

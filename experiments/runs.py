@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from experiments.map_statistics import mapping_summary
+from experiments.observer import NOBODY, TrialObserver
 from experiments.paper import PAPER_VALUES
 from experiments.provenance import commit, versions
 from experiments.recovery import recovery_figures
@@ -186,12 +187,18 @@ def experiment_module(name: str) -> ModuleType:
     return importlib.import_module(f"experiments.{name}")
 
 
-def trial_result(experiment: str, config: TrialConfig, seed: int, index: int) -> Any:
+def trial_result(
+    experiment: str,
+    config: TrialConfig,
+    seed: int,
+    index: int,
+    observer: TrialObserver = NOBODY,
+) -> Any:
     """One trial of a run, bit for bit, with all that its record leaves out."""
     module = experiment_module(experiment)
     if experiment == "mapping":
         config = module.of_trial(config, index)
-    return module.run_trial(config, generator(experiment, seed, index))
+    return module.run_trial(config, generator(experiment, seed, index), observer)
 
 
 def recorded_trial(experiment: str, config: TrialConfig, seed: int, index: int) -> Finished:

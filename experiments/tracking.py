@@ -15,6 +15,7 @@ import numpy as np
 
 from experiments.bounds import scan_bound
 from experiments.localization import in_view, make_localizers, start_error, update_all
+from experiments.observer import NOBODY, TrialObserver
 from experiments.sources import FLOOR_NOISE, MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult, bound_record
 from kitasap_sim.drive import Driver, Pilot
@@ -22,6 +23,7 @@ from kitasap_sim.places import Place
 from kitasap_sim.simulation import SensorFrame, Simulation
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan
+from slam.se2 import SE2
 from slam.straightening import Straightener
 
 NAME = "tracking"
@@ -51,21 +53,26 @@ class TrackingResult(TrialResult):
         return super().record() | {"samples": self.samples, "series": self.series}
 
 
-def run_trial(config: TrialConfig, rng: np.random.Generator) -> TrackingResult:
+def run_trial(
+    config: TrialConfig, rng: np.random.Generator, observer: TrialObserver = NOBODY
+) -> TrackingResult:
     """One drive: every method gets the same measurements."""
     known, (pose_rng, simulation_rng) = config.known_place, rng.spawn(2)
     simulation = config.simulation(simulation_rng)
     start, side = _start(config, simulation.world, pose_rng)
     simulation.reset(start)
     believed = start + start_error(config, pose_rng)
+    observer.begins(simulation, SE2.from_array(believed))
     noise = FLOOR_NOISE[config.odometry]
     source = MeasurementSource(known.laser, simulation.wheel_ticks(), noise)
     localizers = make_localizers(config, believed, is_tracking=True, may_be_lost=True)
     drive, straightener = _Drive(config, simulation), Straightener(known.T_base_laser)
     for frame in _driven(config, simulation, side, pose_rng):
         measurement, true = source.measurement(frame), simulation.truth().pose
+        observer.frame(frame, true)
         bound = scan_bound(known, config.true_laser, measurement.scan, true)
         outcomes, cpu_s = update_all(config, localizers, measurement, true)
+        observer.estimates(outcomes)
         drive.take(frame.time_s, measurement.scan, true, bound, outcomes, cpu_s)
         scan, motion = measurement.scan, measurement.motion
         duration_s = straightener.duration_s(measurement.time_s, motion)

@@ -132,7 +132,8 @@ def _known_place(place: str, laser_name: str, map_spacing_m: float, is_made: boo
 class Outcome:
     """What one method made of a trial: estimated minus true pose, and what it says of itself.
 
-    nees: normalised estimation error squared, where the method claims a covariance.
+    nees: normalised estimation error squared, where the method claims a covariance, (3, 3) as that of
+    `Estimate`.
     """
 
     T_map_base: SE2
@@ -143,6 +144,7 @@ class Outcome:
     nees: float | None = None
     warnings: tuple[str, ...] = ()
     verdict: Verdict = field(default_factory=lambda: Verdict(Status.TRACKING))
+    covariance: np.ndarray | None = None
 
     @classmethod
     def of(
@@ -167,7 +169,7 @@ class Outcome:
             is_believed = estimate.match.status not in _DISOWNED
         return cls(
             T_map_base, error, estimate.match, bool(is_near and is_believed), bool(is_near),
-            claimed, estimate.warnings, estimate.verdict,
+            claimed, estimate.warnings, estimate.verdict, estimate.covariance,
         )  # fmt: skip
 
     def record(self) -> dict[str, Any]:

@@ -41,6 +41,7 @@ ONLY_IN = {
     "experiments/figures/paper_scatter.py": {"matplotlib"},
     "experiments/figures/made_maps.py": {"matplotlib"},
     "experiments/figures/slam_map.py": {"matplotlib"},
+    "experiments/bag_writer.py": {"rosbags"},
     "experiments/map_quality.py": {"scipy"},
     "experiments/train.py": {"torch", "stable_baselines3"},
     "experiments/video.py": {"PIL", "imageio_ffmpeg"},

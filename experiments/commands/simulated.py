@@ -27,10 +27,11 @@ from experiments.commands.options import (
     Trials,
     TurnRate,
 )
-from experiments.outputs import checked_file, checked_folder
+from experiments.outputs import checked_bag, checked_file, checked_folder
 
 if TYPE_CHECKING:
     from experiments.runs import Run
+    from experiments.trial_bag import TrialRecorder
     from experiments.trials import TrialConfig
 
 _USED_BY = {
@@ -93,9 +94,13 @@ def trial(
     known_map: KnownMap = "true",
     turn_rate: TurnRate = None,
     duration: Duration = None,
+    mcap: Annotated[
+        bool, typer.Option("--mcap", help="Write it as a ROS 2 bag, too; /pose_est: last method.")
+    ] = False,
 ) -> None:
     """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
     from experiments.figures import trial_picture
+    from experiments.observer import NOBODY
     from experiments.runs import experiment_module, trial_result
     from experiments.trials import config_hash
 
@@ -103,11 +108,23 @@ def trial(
     config = experiment_module(experiment).checked(_config(experiment, *typed))
     _check_used([experiment], poses, known_map, turn_rate, duration)
     folder = checked_folder(out / experiment)
+    bag = checked_bag(folder / f"trial_{index}") if mcap else None
+    recorder = None if bag is None else _recorder(config)
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
-    result = trial_result(experiment, config, seed, index)
+    result = trial_result(experiment, config, seed, index, recorder or NOBODY)
     print(json.dumps(key | {"index": index} | result.record()))
     folder.mkdir(parents=True, exist_ok=True)
+    if bag is not None and recorder is not None:
+        recorder.write(bag, config, result)
+        print(f"bag: {bag}", file=sys.stderr)
     print(f"picture: {trial_picture(folder, config, result, index)}", file=sys.stderr)
+
+
+def _recorder(config: "TrialConfig") -> "TrialRecorder":
+    """Of the method that was named last: the libraries of bags are loaded only here."""
+    from experiments.trial_bag import TrialRecorder
+
+    return TrialRecorder(config.methods[-1])
 
 
 def picture(

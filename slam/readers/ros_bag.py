@@ -32,6 +32,8 @@ from slam.se2 import SE2
 _USUAL_BASES = ("base_footprint", "base_link")
 """Of REP-105 and 120: the one is below the other."""
 _MOST_NAMED = 12
+_APART_S = 10.0
+"""Chosen: by which odometry may begin later than scans or end earlier, and be of the same clock."""
 _UNSTAMPED_S = 1e6
 """A stamp of 0 in a recording of later than January 1970 was never set."""
 
@@ -291,7 +293,7 @@ class _Survey:
         if not self.poses or not self.scans:
             return
         scans, odometry = self._spans["scans"], self._spans["odometry"]
-        if scans[0] > odometry[1] or odometry[0] > scans[1]:
+        if max(scans[0] - odometry[1], odometry[0] - scans[1]) > _APART_S:
             raise ValueError(
                 f"{name}: {sources.scans} is of {scans[0]:.3f} to {scans[1]:.3f} s, and"
                 f" {sources.odometry} of {odometry[0]:.3f} to {odometry[1]:.3f} s by their stamps:"

@@ -151,10 +151,10 @@ def test_log_that_is_none_is_refused_and_left_alone(tmp_path, run_trials, capsys
 def test_trial_that_raises_is_a_failure_and_not_the_end(tmp_path, run_trials, monkeypatch, capsys):
     original = localization.run_trial
 
-    def broken(config, rng):
+    def broken(config, rng, *observer):
         if rng.bit_generator.seed_seq.spawn_key[-1] == 0:
             raise FloatingPointError("the floor is gone")
-        return original(config, rng)
+        return original(config, rng, *observer)
 
     monkeypatch.setattr(localization, "run_trial", broken)
     assert run_trials(tmp_path, 3) == 1
