@@ -5,7 +5,7 @@ import sys
 
 import typer
 
-from experiments.commands import bench, drive, logs, simulated, trajectories
+from experiments.commands import bench, convert, drive, logs, simulated, trajectories
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -31,6 +31,7 @@ app.command("real-log")(logs.real_log)
 app.command()(logs.slam)
 app.command()(logs.localize)
 app.command()(trajectories.evaluate)
+app.command()(convert.convert)
 app.add_typer(bench.app, name="bench")
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray, IntArray
+from slam.kitti_files import read_trajectory
 from slam.metrics import (
     AbsoluteErrors,
     RelationErrors,
@@ -28,8 +29,9 @@ from slam.metrics import (
     way_pairs,
 )
 from slam.pose_lookup import PoseLookup
+from slam.readers.log import Log
 from slam.readers.recognition import read_log
-from slam.trajectory import Trajectory, read_tum
+from slam.trajectory import Trajectory
 
 RESULT_FILE = "evaluation.json"
 BUILT = "built of the reference"
@@ -127,13 +129,23 @@ def evaluated_files(
     relations_path: Path | None = None,
     odometry_path: Path | None = None,
 ) -> Evaluation:
-    """The same of files: TUM, TUM, relations, a log whose odometry carries the poses.
+    """The same of files: TUM or KITTI both, relations, a log whose odometry carries the poses.
 
     Raises ValueError, in one line, for files that are not what they should be or do not belong
     together, OSError for unreadable ones.
     """
-    trajectory = _poses_of(trajectory_path)
-    reference = None if reference_path is None else _poses_of(reference_path)
+    trajectory, is_stamped = _poses_of(trajectory_path)
+    reference = None
+    if reference_path is not None:
+        reference, is_reference_stamped = _poses_of(reference_path)
+        if is_stamped != is_reference_stamped or not (
+            is_stamped or len(trajectory) == len(reference)
+        ):
+            raise ValueError(
+                f"{trajectory_path.name} has {len(trajectory)} poses{_of_format(is_stamped)}, and"
+                f" {reference_path.name} {len(reference)}{_of_format(is_reference_stamped)}; expected"
+                " stamps in both, or in neither and as many poses: those of KITTI go line by line"
+            )
     relations = None if relations_path is None else read_relations(relations_path)
     odometry = None
     if odometry_path is not None:
@@ -149,7 +161,11 @@ def evaluated_files(
 
 def odometry_of(path: Path) -> Trajectory:
     """The poses of all records of a log by its wheels alone, in the order of its lines."""
-    log = read_log(path)
+    return odometry_of_log(read_log(path))
+
+
+def odometry_of_log(log: Log) -> Trajectory:
+    """The same of a log that was read. Raises ValueError where it has scans alone."""
     if not log.has_odometry:
         raise ValueError(f"{log.name}: no odometry in this log, only scans")
     rows = np.array([(record.time_s, *record.T_odom_base.as_array()) for record in log.records])
@@ -213,11 +229,15 @@ def _number(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _poses_of(path: Path) -> Trajectory:
-    trajectory = read_tum(path)
+def _poses_of(path: Path) -> tuple[Trajectory, bool]:
+    trajectory, is_stamped = read_trajectory(path)
     if len(trajectory) == 0:
         raise ValueError(f"{path.name}: no pose in it, lines of time_s x y z qx qy qz qw")
-    return trajectory
+    return trajectory, is_stamped
+
+
+def _of_format(is_stamped: bool) -> str:
+    return " with stamps" if is_stamped else " without, as KITTI has them"
 
 
 def _check_covered(

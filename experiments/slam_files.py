@@ -10,10 +10,10 @@ import numpy as np
 
 from experiments.slam_log import SlamLog
 from experiments.trial_log import write_atomically
-from slam.arrays import FloatArray
 from slam.map_files import write_map
 from slam.mapping import MapperStep
 from slam.occupancy_grid import OccupancyGrid
+from slam.point_files import write_ply
 from slam.pose_graph import write_g2o
 from slam.ray_counts import TooManyCellsError
 from slam.slam_map import SlamMap
@@ -69,7 +69,7 @@ def write_results(result: SlamLog, folder: Path) -> str:
         write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
     else:  # that of another map is not left beside this one
         (folder / "sessions.tum").unlink(missing_ok=True)
-    write_atomically(folder / "points.ply", _ply(result.slam_map.points))
+    write_ply(folder / "points.ply", result.slam_map.points)
     write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
     write_slam_map(folder / "map.kitasap", result.slam_map)
     if grid is not None:
@@ -79,13 +79,6 @@ def write_results(result: SlamLog, folder: Path) -> str:
             (folder / name).unlink(missing_ok=True)
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
     return said
-
-
-def _ply(points: FloatArray) -> str:
-    """Points (N, 2) [m] in PLY's plain text, as viewers of point clouds read it, to 0.1 mm."""
-    axes = "".join(f"property double {axis}\n" for axis in "xyz")
-    header = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n{axes}end_header\n"
-    return header + "".join(f"{x:.4f} {y:.4f} 0\n" for x, y in points)
 
 
 def grid_or_reason(slam_map: SlamMap) -> tuple[OccupancyGrid | None, str]:

@@ -62,7 +62,7 @@ RANKS = (
         "beams",
     }
     | {"scan_match", "range_noise", "laser_model", "segments", "segment_map", "surfel_grid"}
-    | {"surfels", "map_files", "pose_lookup"},
+    | {"surfels", "map_files", "pose_lookup", "point_files", "kitti_files"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
     | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"}

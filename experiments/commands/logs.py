@@ -116,7 +116,7 @@ def localize(
     from experiments.known_maps import LogConfig
     from experiments.progress import ScanProgress
 
-    T_start, choice = _pose(start), _choice(scan_topic, odom_topic, mount)
+    T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
     checked_beside_runs(out)
     with ScanProgress(log.name) as progress:
         result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update, choice)
@@ -137,9 +137,10 @@ def _pose(typed: tuple[float, float, float] | None, option: str = "--start") -> 
     return None if typed is None else SE2(*typed)
 
 
-def _choice(
+def log_choice(
     scan_topic: str | None, odom_topic: str | None, mount: tuple[float, float, float] | None
 ) -> "LogChoice":
+    """What was typed of a log."""
     from slam.readers.log import LogChoice
 
     return LogChoice(scan_topic, odom_topic, _pose(mount, "--mount"))
@@ -182,7 +183,7 @@ def slam(
 
     if start is not None and known_map is None:
         raise ValueError("--start is a pose on the map that is continued: give --map as well")
-    T_start, choice = _pose(start), _choice(scan_topic, odom_topic, mount)
+    T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
     checked_beside_runs(out)

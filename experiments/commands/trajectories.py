@@ -9,12 +9,12 @@ from experiments.outputs import checked_folder
 
 
 def evaluate(
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="TUM format.")],
+    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="TUM or KITTI format.")],
     against: Annotated[
         Path | None, typer.Argument(metavar="REFERENCE", help="The same as --reference.")
     ] = None,
     reference: Annotated[
-        Path | None, typer.Option(help="Reference poses, TUM format: ATE, RPE, built relations.")
+        Path | None, typer.Option(help="Reference poses, TUM or KITTI: ATE, RPE, built relations.")
     ] = None,
     relations: Annotated[
         Path | None, typer.Option(help="Official relations (Kuemmerle et al. 2009).")

@@ -35,7 +35,10 @@ else:
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
+POSE = "geometry_msgs/msg/PoseStamped"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TF = "tf2_msgs/msg/TFMessage"
+MOST_NAMED = 12
 _OLD_TF = "tf/msg/tfMessage"
 _TF_FIELDS = "geometry_msgs/TransformStamped[] transforms"
 _LARGEST_PIECE = 1 << 27
@@ -108,6 +111,12 @@ class Bag:
                         logged_ns * 1e-9,
                         types.content(connection, raw),
                     )
+
+    def listed(self) -> str:
+        """In words, what topics there are."""
+        named = [f"{t.name} {t.type.replace('/msg/', '/')} ({t.count})" for t in self.topics]
+        more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+        return f"it has: {', '.join(named[:MOST_NAMED])}{more}" if named else "it has no topics"
 
     def _connections(self, reader: _Reader) -> list[tuple[tuple[str, str], Connection]]:
         return [((one.topic, _type(one)), one) for one in reader.connections]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from slam.measurements import check_stamped
-from slam.readers.bag_files import LASER_SCAN, ODOMETRY, TF, Bag, BagMessage, Topic
+from slam.readers.bag_files import LASER_SCAN, MOST_NAMED, ODOMETRY, TF, Bag, BagMessage, Topic
 from slam.readers.log import Log, LogChoice, LogRecord, LogRecords
 from slam.readers.log_odometry import (
     USUAL_NOISE,
@@ -31,7 +31,6 @@ from slam.se2 import SE2
 
 _USUAL_BASES = ("base_footprint", "base_link")
 """Of REP-105 and 120: the one is below the other."""
-_MOST_NAMED = 12
 _APART_S = 10.0
 """Chosen: by which odometry may begin later than scans or end earlier, and be of the same clock."""
 _UNSTAMPED_S = 1e6
@@ -76,7 +75,7 @@ def read_ros_bag(
     survey.check(bag.name, sources)
     sources = replace(sources, no_return_m=survey.codes.no_return_m)
     if survey.scans == 0:
-        raise ValueError(f"{bag.name}: no scan on {sources.scans} has a beam; {_has(bag)}")
+        raise ValueError(f"{bag.name}: no scan on {sources.scans} has a beam; {bag.listed()}")
     return Log(
         name=bag.name,
         T_base_laser=sources.mounting.T_base_laser,
@@ -94,7 +93,7 @@ def _sources(bag: Bag, choice: LogChoice) -> tuple[_Sources, list[str]]:
     notes: list[str] = []
     scans = _topic(bag, choice.scan_topic, (LASER_SCAN,), "--scan-topic", ("/scan",), notes)
     if scans is None:
-        raise ValueError(f"{bag.name}: no {LASER_SCAN}, so no scan to work with; {_has(bag)}")
+        raise ValueError(f"{bag.name}: no {LASER_SCAN}, so no scan to work with; {bag.listed()}")
     laser = frame_name(_first(bag, scans).header.frame_id)
     transforms = Transforms()
     for message in bag.messages([topic.name for topic in bag.topics if topic.type == TF]):
@@ -136,22 +135,15 @@ def _topic(
             if topic.name == name:
                 return topic
         raise ValueError(
-            f"{bag.name}: {option} {asked} is no topic of {' or '.join(types)} in it; {_has(bag)}"
+            f"{bag.name}: {option} {asked} is no topic of {' or '.join(types)} in it; {bag.listed()}"
         )
     if not found:
         return None
     best = max(found, key=lambda topic: (topic.name in preferred, topic.count))
     if len(found) > 1:
-        names = ", ".join(topic.name for topic in found[:_MOST_NAMED])
+        names = ", ".join(topic.name for topic in found[:MOST_NAMED])
         notes.append(f"of {names} {best.name} is taken: choose by {option}")
     return best
-
-
-def _has(bag: Bag) -> str:
-    """In words, what topics there are."""
-    named = [f"{one.name} {one.type.replace('/msg/', '/')} ({one.count})" for one in bag.topics]
-    more = f" and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
-    return f"it has: {', '.join(named[:_MOST_NAMED])}{more}" if named else "it has no topics"
 
 
 def _first(bag: Bag, topic: Topic) -> Any:
@@ -200,7 +192,7 @@ def _mounting(
                 return mounting
     except ValueError as error:
         raise ValueError(f"{bag.name}: {error}; or give --mount") from error
-    frames = ", ".join(transforms.frames[:_MOST_NAMED]) or "none"
+    frames = ", ".join(transforms.frames[:MOST_NAMED]) or "none"
     raise ValueError(
         f"{bag.name}: no transform from {base or 'the robot'} to {laser}, where"
         f" {'scans' if odometry is None else odometry.name} would need it (frames in its tf:"

@@ -140,7 +140,7 @@ def test_file_in_place_of_a_folder_is_refused_before_anything_is_read(tmp_path, 
         ([REFERENCE], "nothing to evaluate against: give --reference, --relations or both"),
         ([REFERENCE, REFERENCE, "--reference", REFERENCE], "give one reference"),
         (["none.tum", REFERENCE], "none.tum: No such file or directory"),
-        ([LOG, REFERENCE], "fr101-excerpt.clf.gz: binary, not a TUM trajectory"),
+        ([LOG, REFERENCE], "fr101-excerpt.clf.gz: binary, not a TUM or KITTI trajectory"),
         ([DATA, REFERENCE], f"{DATA}: Is a directory"),
         # eight numbers in a line as well, but no times that fit
         (
