@@ -33,7 +33,9 @@ def read_bag_trajectory(path: str | Path, topic: str) -> Trajectory:
         found = planar(pose.position, pose.orientation)
         place = f"{bag.name}: {name} message {message.number}"
         if found is None:
-            raise ValueError(f"{place}: a pose is not finite, or its quaternion not of length 1")
+            raise ValueError(
+                f"{place}: a pose is not finite, absurdly far, or its quaternion not of length 1"
+            )
         stamp_s = header.stamp.sec + header.stamp.nanosec * 1e-9
         try:
             check_stamped("pose", stamp_s, found)

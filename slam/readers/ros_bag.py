@@ -244,7 +244,9 @@ def _poses_of_tf(message: BagMessage, sources: _Sources, place: str) -> Iterator
 
 def _pose(pose: SE2 | None, stamp_s: float, place: str) -> SE2:
     if pose is None:
-        raise ValueError(f"{place}: a pose is not finite, or its quaternion not of length 1")
+        raise ValueError(
+            f"{place}: a pose is not finite, absurdly far, or its quaternion not of length 1"
+        )
     try:
         check_stamped("pose", stamp_s, pose)
     except ValueError as error:

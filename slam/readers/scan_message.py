@@ -102,7 +102,8 @@ class ScanMessage:
 
     def _marked(self, no_return_m: float) -> FloatArray:
         """(N,) ranges [m] as `LaserScan` wants them."""
-        ranges_m = self.ranges.astype(np.float64)
+        with np.errstate(invalid="ignore"):  # a nan that signals is a nan
+            ranges_m = self.ranges.astype(np.float64)
         is_invalid = np.isnan(ranges_m) | (np.isfinite(ranges_m) & (ranges_m <= 0.0))
         # the message has its limits in single precision, as the ranges
         is_near = ranges_m < self.range_min_m

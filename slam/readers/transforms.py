@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.se2 import SE2
+from slam.se2 import FARTHEST_M, SE2
 
 _MOST_FRAMES = 10_000
 """Chosen: a humanoid has some hundred."""
@@ -144,11 +144,11 @@ def _level(T: FloatArray, base: str, laser: str) -> Mounting:
 
 
 def _matrix(position: Any, orientation: Any) -> FloatArray | None:
-    """(4, 4) of a pose; None where a number is not finite or the quaternion not of length 1."""
+    """(4, 4) of a pose; None where it is not finite, absurdly far or its quaternion not of length 1."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     length = math.sqrt(x * x + y * y + z * z + w * w)
     at = (position.x, position.y, position.z)
-    if not abs(length - 1.0) <= _UNIT or not all(map(math.isfinite, at)):
+    if not abs(length - 1.0) <= _UNIT or not all(abs(value) <= FARTHEST_M for value in at):
         return None
     x, y, z, w = x / length, y / length, z / length, w / length
     return np.array(

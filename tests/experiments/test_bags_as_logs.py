@@ -11,6 +11,7 @@ from tests.slam.turtlebot import Recording, write_bag
 LOG = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
 
 
+@pytest.mark.slow
 def test_bag_is_mapped_and_localised_on_its_map(tmp_path, capsys):
     write_bag(tmp_path / "my_bag", Recording(duration_s=5.0))
     out = tmp_path / "slam"

@@ -102,6 +102,7 @@ def test_trajectory_goes_to_kitti_and_back(tmp_path):
     assert back.poses == pytest.approx(expected.poses, abs=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (PROGRAMS / "evo_ape").exists(), reason="evo is not installed")
 def test_evaluate_and_evo_say_the_same_of_kitti(tmp_path):
     true = some_poses()

@@ -139,7 +139,10 @@ def test_wheels_by_tf_and_a_laser_upside_down_give_the_same_points(
 def test_limits_of_the_laser_are_its_misses(tmp_path):
     ranges_m = np.full(BEAMS, 2.0)
     ranges_m[:6] = [0.05, 0.0, -1.0, np.nan, RANGE_MAX_M, 65.5]
+    signalling = np.frombuffer(b"\x01\x00\xa0\x7f", dtype=np.float32)
     recording = Recording(duration_s=0.3)
+    ranges_m = ranges_m.astype(np.float32)
+    ranges_m[3] = signalling[0]
     recording.sweeps = [Sweep(START_S + 0.1, ranges_m)]
     write_bag(tmp_path / "b", recording)
     found = next(read_log(tmp_path / "b").measurements()).scan.ranges_m[::-1]
