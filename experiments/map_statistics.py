@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.intervals import error_intervals, median_interval
 from experiments.statistics import axis_figures, rms, wilson_interval
 
 
@@ -55,6 +56,11 @@ def _of_method(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
         "theta_rad": axis_figures(errors[:, 2]),
         "rmse_mm": rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
         "rmse_mrad": rms(1000 * errors[:, 2]),
+        "ci95": {
+            **error_intervals(errors, np.arange(len(errors))),
+            "ate_mm": {"median": median_interval(1000 * np.array(_values(outcomes, "ate_m")))},
+            "map_rmse_mm": median_interval(1000 * np.array(_values(outcomes, "map_rmse_m"))),
+        },
     }
 
 

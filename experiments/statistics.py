@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.intervals import error_intervals
 from experiments.paper import HEADING_MARGIN_RAD, POSITION_MARGIN_M
 
 _Z95 = 1.959963984540054
@@ -68,11 +69,18 @@ def _method_summary(records: list[dict[str, Any]], name: str) -> dict[str, Any]:
         "theta_rad": axis_figures(errors[:, 2]),
         "rmse_mm": rms(1000 * np.hypot(errors[:, 0], errors[:, 1])),
         "rmse_mrad": rms(1000 * errors[:, 2]),
+        "ci95": error_intervals(errors, _trials_of(records, name)),
         **_against_bound(records, name),
         **_consistency(records, name),
         **_over_all_scans(records, name),
         "warned": sum(bool(outcome["warnings"]) for outcome in outcomes),
     }
+
+
+def _trials_of(records: list[dict[str, Any]], name: str) -> np.ndarray:
+    """The trial of each success, in their order; a drive has many of one."""
+    is_found = (one["status"] == "ok" and one["methods"][name]["success"] for one in records)
+    return np.array([r["index"] for r, found in zip(records, is_found, strict=True) if found])
 
 
 def _against_bound(records: list[dict[str, Any]], name: str) -> dict[str, float | None]:
