@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
 
@@ -45,6 +46,11 @@ def bound_figure(folder: Path) -> Path:
     A trial that failed has no error, so that a curve ends at the method's success rate. Reads
     `trials.csv`, `summary.json` and `config.json` of the folder; writes `bound.png` and `bound.svg`.
     """
+    return saved(bound_drawn(folder), folder / "bound")
+
+
+def bound_drawn(folder: Path) -> Figure:
+    """The figure of `bound_figure`."""
     summary = json.loads((folder / "summary.json").read_text())
     poses = json.loads((folder / "config.json").read_text())["config"]["poses"]
     with (folder / "trials.csv").open(newline="") as file:
@@ -60,7 +66,7 @@ def bound_figure(folder: Path) -> Path:
         "errors of each method against the bound of one scan: further left is better"
     )
     _legend(figure, summary, position.bounds, heading.bounds)
-    return saved(figure, folder / "bound")
+    return figure
 
 
 def _errors(rows: list[dict[str, str]], methods: list[str]) -> tuple[_Errors, _Errors]:

@@ -46,6 +46,11 @@ def line_style(method: str) -> dict[str, Any]:
     }
 
 
+def plain(name: str) -> str:
+    """A name as it stands in a figure: the dollars in it begin no formula."""
+    return name.replace("$", r"\$")
+
+
 def label_decades(axis: Axis) -> None:
     """Plain numbers along a logarithmic axis: 0.5, 1, 2, 5, 10 and so on."""
     low, high = axis.get_view_interval()

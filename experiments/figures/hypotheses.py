@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -56,6 +57,12 @@ def hypotheses_figure(folder: Path) -> Path | None:
     `config.json` and `trials.jsonl` of the folder; writes `hypotheses.png` and `.svg`. None, and no
     file, where no trial had a rival too close to be sure at once.
     """
+    figure = hypotheses_drawn(folder)
+    return None if figure is None else saved(figure, folder / "hypotheses")
+
+
+def hypotheses_drawn(folder: Path) -> Figure | None:
+    """The figure of `hypotheses_figure`."""
     kidnaps = Kidnaps.read(folder)
     method = _method(kidnaps)
     if method is None:
@@ -77,7 +84,7 @@ def hypotheses_figure(folder: Path) -> Path | None:
         "the trials that needed most looks, turning on the spot in between"
     )
     _legend(figure, any(search.is_sure and not search.is_success for search in searches))
-    return saved(figure, folder / "hypotheses")
+    return figure
 
 
 def _method(kidnaps: Kidnaps) -> str | None:

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import PercentFormatter
@@ -42,6 +43,12 @@ def kidnap_map(folder: Path) -> Path | None:
     Reads `config.json` and `trials.jsonl` of the folder; writes `kidnap_map.png` and `.svg`.
     None, and no file, where the paper's one pair of poses was repeated, or nothing finished.
     """
+    figure = kidnap_map_drawn(folder)
+    return None if figure is None else saved(figure, folder / "kidnap_map")
+
+
+def kidnap_map_drawn(folder: Path) -> Figure | None:
+    """The figure of `kidnap_map`."""
     kidnaps = Kidnaps.read(folder)
     if kidnaps.config["poses"] == "paper" or not kidnaps.records:
         return None
@@ -75,7 +82,7 @@ def kidnap_map(folder: Path) -> Path | None:
             else "where it was set down, and a line to where it faced"
         )
     )
-    return saved(figure, folder / "kidnap_map")
+    return figure
 
 
 def _walls(kidnaps: Kidnaps) -> np.ndarray:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from experiments.figures.canvas import plain
 from slam.se2 import wrap_angle
 
 _DISOWNED = ("lost", "not converged", "degenerate")
@@ -52,8 +53,8 @@ class Kidnaps:
 
     @property
     def place(self) -> str:
-        """The name of the place, without its path."""
-        return Path(self.config["place"]).stem
+        """The name of the place, without its path, as it stands in a title."""
+        return plain(Path(self.config["place"]).stem)
 
     def of(self, method: str) -> list[dict[str, Any]]:
         """What one method made of each trial."""

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from experiments.figures.canvas import saved
+from experiments.figures.canvas import plain, saved
 from experiments.figures.grid import draw_grid
 from experiments.localize import LocalizedLog
 from slam.localization import Estimate
@@ -66,7 +66,7 @@ def _title(result: LocalizedLog) -> str:
     found = f", found after {', '.join(f'{s:.1f}' for s in took[:4])} s" if took else ""
     start = "unknown" if result.start is None else "given"
     return (
-        f"{result.name} on {result.map_name}, start {start}\ntracking in {summary['tracking']} of"
+        f"{plain(result.name)} on {plain(result.map_name)}, start {start}\ntracking in {summary['tracking']} of"
         f" {summary['scans']} scans{found}{' ...' if len(took) > 4 else ''}"
     )
 

@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, PercentFormatter
 
 from experiments.figures.canvas import saved
@@ -41,6 +42,12 @@ def lost_roc(folder: Path) -> Path | None:
     `config.json` and `trials.jsonl` of the folder; writes `lost_roc.png` and `.svg`. None, and no
     file, where no method's record has `lost_scores`.
     """
+    figure = lost_roc_drawn(folder)
+    return None if figure is None else saved(figure, folder / "lost_roc")
+
+
+def lost_roc_drawn(folder: Path) -> Figure | None:
+    """The figure of `lost_roc`."""
     kidnaps = Kidnaps.read(folder)
     panels = _panels(kidnaps)
     if not panels:
@@ -56,7 +63,7 @@ def lost_roc(folder: Path) -> Path | None:
         f"Kidnapped in {kidnaps.place}: does the robot notice that it is lost?\n"
         "one curve for each thing a scan tells; top left is best"
     )
-    return saved(figure, folder / "lost_roc")
+    return figure
 
 
 def _panels(kidnaps: Kidnaps) -> list[tuple[str, list[dict[str, Any]]]]:

@@ -9,8 +9,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 
-from experiments.figures.canvas import colour, legend_below, line_style, saved
+from experiments.figures.canvas import colour, legend_below, line_style, plain, saved
 from experiments.map_quality import NEAR_M
 from experiments.mapping import LEAST_SHARE, MOST_ATE_M, MapOutcome, MappingResult, true_map
 from slam.arrays import FloatArray
@@ -60,6 +61,11 @@ def map_quality_figure(folder: Path) -> Path:
 
     Reads `trials.jsonl` and `summary.json`; writes `quality.png` and `.svg`.
     """
+    return saved(map_quality_drawn(folder), folder / "quality")
+
+
+def map_quality_drawn(folder: Path) -> Figure:
+    """The figure of `map_quality_figure`."""
     summary = json.loads((folder / "summary.json").read_text())
     lines = (folder / "trials.jsonl").read_text().splitlines()
     records = [record for record in map(json.loads, lines) if record["status"] == "ok"]
@@ -87,12 +93,12 @@ def map_quality_figure(folder: Path) -> Path:
     axes[0].set_ylabel("share of the trials")
     legend_below(figure, axes[0], ncols=1 + len(summary["methods"]))
     figure.suptitle(f"maps of {summary['trials']} trials")
-    return saved(figure, folder / "quality")
+    return figure
 
 
 def _title(result: MappingResult, index: int) -> str:
     way_m = np.hypot(*np.diff(result.true_poses[:, :2], axis=0).T).sum()
-    place = Path(result.config.place).stem
+    place = plain(Path(result.config.place).stem)
     return f"trial {index} in {place}: {way_m:.0f} m in {result.sim_s:.0f} s, {_people(result)}"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from experiments.figures.canvas import legend_below, saved
+from experiments.figures.canvas import legend_below, plain, saved
 from experiments.figures.made_maps import made_maps_picture
 from experiments.mapping import MappingResult
 from experiments.methods import KnownPlace
@@ -49,7 +49,7 @@ def _search_figure(config: TrialConfig, result: TrialResult, index: int) -> Any:
     for axis, name in zip(axes[0], names, strict=True):
         _draw_search(axis, config, result, name)
     figure.suptitle(
-        f"trial {index} in {Path(config.place).stem}: "
+        f"trial {index} in {plain(Path(config.place).stem)}: "
         + ("lifted from (1) and set down at (2)" if len(result.true_poses) > 1 else "at rest")
     )
     legend_below(figure, axes[0][0], ncols=min(4, 2 * len(names)))
@@ -105,7 +105,7 @@ def _drive_figure(config: TrialConfig, result: TrackingResult, index: int) -> An
     for axis in axes.flat[len(names) :]:
         axis.set_axis_off()
     figure.suptitle(
-        f"trial {index} in {Path(config.place).stem}: a drive of {result.sim_s:.0f} s, "
+        f"trial {index} in {plain(Path(config.place).stem)}: a drive of {result.sim_s:.0f} s, "
         "true and estimated path"
     )
     legend_below(figure, axes[0][0], ncols=min(4, 2 * columns))

@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -22,6 +23,11 @@ def over_time_figure(folder: Path) -> Path:
 
     Reads `trials.jsonl` and `config.json` of the folder; writes `over_time.png` and `.svg`.
     """
+    return saved(over_time_drawn(folder), folder / "over_time")
+
+
+def over_time_drawn(folder: Path) -> Figure:
+    """The figure of `over_time_figure`."""
     config = json.loads((folder / "config.json").read_text())
     with (folder / "trials.jsonl").open() as file:
         records = [json.loads(line) for line in file]
@@ -51,7 +57,7 @@ def over_time_figure(folder: Path) -> Path:
         f"error at each scan, lost or not, against its bound; {_drives(len(series))}; lower is better"
     )
     _legend(figure, methods, len(series), has_band)
-    return saved(figure, folder / "over_time")
+    return figure
 
 
 def _aligned(

@@ -8,6 +8,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
 from experiments.figures.canvas import colour, legend_below, saved
@@ -22,6 +23,11 @@ def scatter(folder: Path) -> Path:
     Reads `trials.csv`, `summary.json` and `config.json` of the folder; writes `scatter.png` and
     `scatter.svg`.
     """
+    return saved(scatter_drawn(folder), folder / "scatter")
+
+
+def scatter_drawn(folder: Path) -> Figure:
+    """The figure of `scatter`."""
     summary = json.loads((folder / "summary.json").read_text())
     poses = json.loads((folder / "config.json").read_text())["config"]["poses"]
     with (folder / "trials.csv").open(newline="") as file:
@@ -42,7 +48,7 @@ def scatter(folder: Path) -> Path:
     axes[0][0].set_ylabel("error in Y [cm]")
     figure.suptitle(f"{title_of(summary['experiment'], poses)}: estimated minus true position")
     legend_below(figure, axes[0][0], ncols=3)
-    return saved(figure, folder / "scatter")
+    return figure
 
 
 def _scatter_panel(

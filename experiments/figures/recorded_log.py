@@ -5,7 +5,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from experiments.figures.canvas import COLOURS, saved
+from experiments.figures.canvas import COLOURS, plain, saved
 from experiments.real_logs import RealLogResult
 
 
@@ -22,7 +22,9 @@ def real_log_picture(folder: Path, result: RealLogResult) -> Path:
     axis.plot(*positions[matched].T, ".", ms=4, color=COLOURS["open3d"], label="odd scans, found")
     if not matched.all():
         axis.plot(*positions[~matched].T, "x", ms=6, color=COLOURS["paper"], label="lost, said so")
-    axis.set(xlabel="x [m]", ylabel="y [m]", title=f"{result.name}, method {result.config.method}")
+    axis.set(
+        xlabel="x [m]", ylabel="y [m]", title=f"{plain(result.name)}, method {result.config.method}"
+    )
     axis.set_aspect("equal")
     axis.legend(loc="best", markerscale=2)
     return saved(figure, folder / "localization")

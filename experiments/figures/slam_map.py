@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import LineCollection
 
-from experiments.figures.canvas import saved
+from experiments.figures.canvas import plain, saved
 from experiments.figures.grid import draw_grid
 from experiments.slam_files import grid_or_reason
 from experiments.slam_log import SlamLog
@@ -53,7 +53,7 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     verdict = slam_map.verdict
     said = "good" if verdict.is_good else "FAILED: " + "; ".join(verdict.reasons)
     axes.set_title(
-        f"{result.name}: {result.way_m:.0f} m, {len(slam_map.keyframes)} keyframes,"
+        f"{plain(result.name)}: {result.way_m:.0f} m, {len(slam_map.keyframes)} keyframes,"
         f" {len(slam_map.loops)} loops\nmap {said}", fontsize=10, wrap=True,
     )  # fmt: skip
     axes.legend(loc="upper right", fontsize=8)
