@@ -190,7 +190,25 @@ class Outcome:
             "pair_count": self.match.pair_count,
             "nees": self.nees,
             "warnings": list(self.warnings),
+            "steps": self._steps(),
         }
+
+    def _steps(self) -> dict[str, list[float | None]] | None:
+        """Expression (1) and the distance from the true position at each pass of the search, to
+        four digits: what the curves of convergence are drawn of. None of a search without any."""
+        history = self.match.history
+        if not history:
+            return None
+        true = self.T_map_base.as_array() - self.error
+        off_m = [math.hypot(s.T_map_base.x - true[0], s.T_map_base.y - true[1]) for s in history]
+        return {
+            "error_m2": [_four_digits(step.error_m2) for step in history],
+            "position_error_m": [_four_digits(one) for one in off_m],
+        }
+
+
+def _four_digits(value: float) -> float | None:
+    return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)

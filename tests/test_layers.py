@@ -17,7 +17,7 @@ MAY_IMPORT = {
     "slam": {"slam", "numpy", "scipy", "numba"},
     "experiments": {
         *("experiments", "slam", "kitasap_sim", "models", "numpy", "mujoco"),
-        *("gymnasium", "typer", "rich", "yaml", "jinja2"),
+        *("gymnasium", "typer", "rich", "yaml", "jinja2", "markupsafe"),
     },
 }
 ONLY_IN = {
@@ -27,14 +27,18 @@ ONLY_IN = {
         *("rosbags", "apsw", "lz4", "backports", "compression", "yaml"),
     },
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
+    "experiments/doctor.py": {"packaging"},
     "experiments/figures/against_bound.py": {"matplotlib"},
     "experiments/figures/canvas.py": {"matplotlib"},
+    "experiments/figures/convergence.py": {"matplotlib"},
     "experiments/figures/grid.py": {"matplotlib"},
     "experiments/figures/hypotheses.py": {"matplotlib"},
+    "experiments/figures/inline.py": {"matplotlib", "PIL"},
     "experiments/figures/kidnap_map.py": {"matplotlib"},
     "experiments/figures/localized_log.py": {"matplotlib"},
     "experiments/figures/learning_curve.py": {"matplotlib"},
     "experiments/figures/lost_roc.py": {"matplotlib"},
+    "experiments/figures/map_difference.py": {"matplotlib"},
     "experiments/figures/mismatches.py": {"matplotlib"},
     "experiments/figures/one_trial.py": {"matplotlib"},
     "experiments/figures/over_time.py": {"matplotlib"},
@@ -203,7 +207,7 @@ def test_importing_kitasap_sim_loads_neither_mujoco_nor_open3d():
 def test_help_loads_nothing_heavy():
     # each of these takes longer to import than the 0.3 s in which the help answers
     code = "from experiments.cli import main; assert main(['--help']) == 0"
-    heavy = ("mujoco", "open3d", "numpy", "scipy", "matplotlib", "numba", "gymnasium")
+    heavy = ("jinja2", "mujoco", "open3d", "numpy", "scipy", "matplotlib", "numba", "gymnasium")
     assert loaded_after(code, *heavy) == []
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from experiments.figures.against_bound import bound_figure
 from experiments.figures.canvas import image_file
+from experiments.figures.convergence import convergence_figure
 from experiments.figures.hypotheses import hypotheses_figure
 from experiments.figures.kidnap_map import kidnap_map
 from experiments.figures.localized_log import localized_log_picture
@@ -23,6 +24,7 @@ from experiments.figures.slam_map import slam_map_picture
 
 __all__ = [
     "bound_figure",
+    "convergence_figure",
     "hypotheses_figure",
     "image_file",
     "kidnap_map",
@@ -50,8 +52,8 @@ def run_figures(folder: Path) -> list[Path]:
     if summary["paper_values"] is not None:
         drawn.append(scatter(folder))
     if summary["experiment"] == "tracking":
-        drawn.append(over_time_figure(folder))
+        return [*drawn, over_time_figure(folder)]
+    more = [convergence_figure]
     if summary["experiment"] == "kidnap":
-        kidnaps = (draw(folder) for draw in (kidnap_map, lost_roc, hypotheses_figure))
-        drawn += [path for path in kidnaps if path is not None]
-    return drawn
+        more += [kidnap_map, lost_roc, hypotheses_figure]
+    return drawn + [path for draw in more if (path := draw(folder)) is not None]

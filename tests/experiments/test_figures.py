@@ -13,6 +13,7 @@ from experiments import tracking
 from experiments.bench import mismatch
 from experiments.figures import (
     bound_figure,
+    convergence_figure,
     image_file,
     mismatch_figure,
     run_figures,
@@ -99,6 +100,29 @@ def test_figures_are_titled_by_what_was_done(tmp_path, run_trials):
     (folder / "config.json").write_text(json.dumps(config))
     for path in (scatter(folder), bound_figure(folder)):
         assert "carried to anywhere, any heading" in " ".join(comments(path.with_suffix(".svg")))
+
+
+def test_passes_of_a_search_are_kept_and_drawn(tmp_path, quick_config):
+    config = replace(quick_config, methods=("odometry", "paper"))
+    Run("localization", config, 0, 3, tmp_path).execute(1, lambda index, record: None)
+    for line in (tmp_path / "trials.jsonl").read_text().splitlines():
+        methods = json.loads(line)["methods"]
+        assert methods["odometry"]["steps"] is None
+        paper, steps = methods["paper"], methods["paper"]["steps"]
+        assert len(steps["error_m2"]) == len(steps["position_error_m"]) == paper["iterations"]
+        # to four digits, the last pass is what the trial ended with
+        assert steps["error_m2"][-1] == pytest.approx(paper["error_m2"], rel=5e-4)
+        off_m = math.hypot(paper["x_error_m"], paper["y_error_m"])
+        assert steps["position_error_m"][-1] == pytest.approx(off_m, rel=5e-4)
+    assert tmp_path / "convergence.png" in run_figures(tmp_path)
+    texts = comments(tmp_path / "convergence.svg")
+    assert any("paper: expression (1)" in text for text in texts)
+    assert not any("odometry" in text for text in texts)
+
+
+def test_run_without_passes_has_no_convergence(tmp_path, quick_config):
+    Run("localization", quick_config, 0, 1, tmp_path).execute(1, lambda index, record: None)
+    assert convergence_figure(tmp_path) is None
 
 
 def test_bound_is_the_distribution_of_gaussian_errors():
