@@ -78,7 +78,7 @@ class TrueMap:
         """Of a map's points (N, 2) in the true frame; is_seen: as from `seen_from`."""
         if len(points_m) == 0:
             return MapQuality(math.nan, 0.0, 0.0)
-        off_m, _ = self._tree.query(points_m)
+        off_m = self.off_m(points_m)
         missed_m, _ = cKDTree(points_m).query(self._points[is_seen])
         return MapQuality(
             float(np.sqrt(np.mean(off_m**2))),
@@ -86,7 +86,19 @@ class TrueMap:
             float(np.mean(missed_m <= NEAR_M)),
         )
 
+    def off_m(self, points_m: FloatArray) -> FloatArray:
+        """(N,) how far each point of a map (N, 2) lies from the nearest true surface [m]."""
+        off_m, _ = self._tree.query(points_m)
+        return np.asarray(off_m)
+
     def is_wrong(self, points_m: FloatArray) -> BoolArray:
         """(N,) which points of a map (N, 2) lie off every true surface."""
-        off_m, _ = self._tree.query(points_m)
-        return np.asarray(off_m > NEAR_M)
+        return self.off_m(points_m) > NEAR_M
+
+    def missed_m(self, points_m: FloatArray, is_seen: BoolArray) -> FloatArray:
+        """(M, 2) points of the true surfaces that could be seen and that a map (N, 2) lacks [m]."""
+        seen_m = self._points[is_seen]
+        if len(points_m) == 0 or len(seen_m) == 0:
+            return seen_m
+        away_m, _ = cKDTree(points_m).query(seen_m)
+        return seen_m[away_m > NEAR_M]

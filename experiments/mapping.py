@@ -63,7 +63,8 @@ class MadeMap:
 @dataclass(frozen=True, eq=False)
 class MapOutcome:
     """One method's map against the truth. in_world: its points (K, 2) and path (N, 2) [m], where
-    they fit the true path best; end_error: (3,) of the last pose, seen from the true start."""
+    they fit the true path best; end_error: (3,) of the last pose, seen from the true start;
+    missed_m: (M, 2) [m] of the true surfaces, what could be seen and is not on it."""
 
     made: MadeMap
     ate: AbsoluteErrors
@@ -72,6 +73,7 @@ class MapOutcome:
     end_error: FloatArray
     points_m: FloatArray
     path_m: FloatArray
+    missed_m: FloatArray
 
     @property
     def is_good(self) -> bool:
@@ -237,8 +239,8 @@ def _outcome(
     end = first @ SE2.from_array(made.trajectory.poses[-1])
     true_end = SE2.from_array(true_poses[-1])
     end_error = np.array([end.x - true_end.x, end.y - true_end.y, (true_end.inverse() @ end).theta])
-    quality = truth.quality(points_m, is_seen)
-    return MapOutcome(made, ate, quality, end, end_error, points_m, path_m)
+    quality, missed_m = truth.quality(points_m, is_seen), truth.missed_m(points_m, is_seen)
+    return MapOutcome(made, ate, quality, end, end_error, points_m, path_m, missed_m)
 
 
 @cache
