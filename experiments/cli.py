@@ -5,7 +5,16 @@ import sys
 
 import typer
 
-from experiments.commands import bench, convert, drive, logs, simulated, trajectories
+from experiments.commands import (
+    bench,
+    convert,
+    doctor,
+    drive,
+    logs,
+    reports,
+    simulated,
+    trajectories,
+)
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -32,6 +41,9 @@ app.command()(logs.slam)
 app.command()(logs.localize)
 app.command()(trajectories.evaluate)
 app.command()(convert.convert)
+app.command()(reports.report)
+app.command()(reports.reproduce)
+app.command()(doctor.doctor)
 app.add_typer(bench.app, name="bench")
 
 
@@ -56,7 +68,8 @@ def main(arguments: list[str] | None = None) -> int:
         status = _INTERRUPTED
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
         goes_on = "; the same command goes on from here"
-        is_run = (sys.argv[1:] if arguments is None else arguments)[:1] == ["run"]
+        command = (sys.argv[1:] if arguments is None else arguments)[:1]
+        is_run = command in (["run"], ["reproduce"])
         print(f"\nkitasap: interrupted{goes_on if is_run else ''}", file=sys.stderr)
     return status if isinstance(status, int) else 0
 

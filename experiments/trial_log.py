@@ -54,7 +54,7 @@ class TrialLog:
             text = "".join(_line(lines[index]) for index in sorted(lines))
             write_atomically(self.folder / f"{name}.jsonl", text)
         asked = [index for index in sorted(self.records) if index < trials]
-        rows = [row for index in asked for row in _csv_rows(self.records[index])]
+        rows = [row for index in asked for row in csv_rows(self.records[index])]
         partial = self.folder / "trials.csv.partial"
         with partial.open("w", newline="") as file:
             writer = csv.DictWriter(file, self._fields, lineterminator="\n")
@@ -135,8 +135,9 @@ def _line(record: dict[str, Any]) -> str:
     return json.dumps(record, allow_nan=False) + "\n"
 
 
-def _csv_rows(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """A row for each method, or one for a trial that raised; of a drive, for each sample."""
+def csv_rows(record: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows of `trials.csv`: one for each method, or one for a trial that raised; of a drive, for
+    each sample."""
     trial = {"index": record["index"], "status": record["status"]}
     if record["status"] != "ok":
         return [trial | {"error": record["error"]}]

@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -72,11 +73,7 @@ def run(
         each.check()
         checked_folder(each.folder)
     _check_used(experiments, poses, known_map, turn_rate, duration)
-    has_raised = False
-    for each in runs:
-        summary = _executed(each, jobs)
-        has_raised |= any(result["raised"] for result in summary["methods"].values())
-    raise typer.Exit(1 if has_raised else 0)
+    raise typer.Exit(1 if has_raised(runs, jobs) else 0)
 
 
 def trial(
@@ -222,6 +219,12 @@ def _check_used(
             )
 
 
+def has_raised(runs: list["Run"], jobs: int | None) -> bool:
+    """Executes runs, one after the other: whether any trial of them raised an error."""
+    summaries = [_executed(each, jobs) for each in runs]
+    return any(one["raised"] for summary in summaries for one in summary["methods"].values())
+
+
 def _executed(run: "Run", jobs: int | None) -> dict:
     """Executes a run under a progress line; prints its table and where its files are."""
     from experiments.figures import run_figures
@@ -249,12 +252,14 @@ def _executed(run: "Run", jobs: int | None) -> dict:
 def _draw_trials(run: "Run", records: dict[int, dict]) -> None:
     """The first trial that ran; of maps, the three worst of the last method too."""
     from experiments.figures import trial_picture, worst_maps_picture
+    from experiments.kept_maps import keep_maps
     from experiments.map_statistics import worst_trials
     from experiments.runs import trial_result
 
     if not records:
         return
 
+    @cache
     def again(index: int) -> Any:
         return trial_result(run.experiment, run.config, run.seed, index)
 
@@ -263,3 +268,4 @@ def _draw_trials(run: "Run", records: dict[int, dict]) -> None:
         name = run.config.methods[-1]
         worst = [(index, again(index)) for index in worst_trials(records, name)]
         worst_maps_picture(run.folder, worst, name)
+        keep_maps(run.folder, {index: again(index) for index in (min(records), *dict(worst))})
