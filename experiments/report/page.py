@@ -123,7 +123,7 @@ def _section(run: RunFolder, key: str) -> _Section:
             for one in worst_of(run)
         ]
         pictures = list(pictures_of(run, key))
-    except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:
+    except (LookupError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
         raise ValueError(
             f"{run.folder} is damaged, or of another version: {error or type(error).__name__}"
         ) from error

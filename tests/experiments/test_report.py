@@ -427,3 +427,19 @@ def test_reproduce_runs_what_the_paper_did_and_reports(
     # the same once more: what lies there is of another configuration, and is not touched
     line = line_of_refusal(capsys, main(["reproduce", "--out", str(out)]))
     assert "holds trials of another configuration" in line
+
+
+@pytest.mark.slow
+def test_paper_is_reproduced_by_one_command(tmp_path, capsys):
+    # a trial of each experiment, as the paper had them, and each by its own command again
+    assert main(["reproduce", "--trials", "1", "--jobs", "1", "--out", str(tmp_path)]) == 0
+    page = Page((tmp_path / "report.html").read_text())
+    commands = [words for words in page.words["code"] if words.startswith("kitasap trial ")]
+    assert len(commands) == 3
+    for words in commands:
+        capsys.readouterr()
+        experiment = shlex.split(words)[2]
+        assert main([*shlex.split(words)[1:], "--out", str(tmp_path / "again")]) == 0
+        line = (tmp_path / experiment / "trials.jsonl").read_text()
+        assert capsys.readouterr().out == line
+    assert sum("Fig. 7" in words for words in page.words["h3"]) == 1
