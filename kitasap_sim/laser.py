@@ -11,6 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from kitasap_sim.range_errors import disturb, mix_pixels
+
 LOW_FRONT_M = (0.19, 0.0, 0.10)
 """Where Kitasap2 carries its laser: "in front of the bottom of the robot" (paper, Section 2)."""
 ABOVE_WHEELS_M = (0.19, 0.0, 0.17)
@@ -112,7 +114,13 @@ class LaserSpec:
     @cached_property
     def _sigma_table(self) -> np.ndarray:
         """(2, K) ranges and the standard deviations there [m]."""
-        return np.array(self.sigma_at_m).T.copy()
+        return np.array(self.sigma_at_m, dtype=float).reshape(-1, 2).T.copy()
+
+    @cached_property
+    def _errors(self) -> tuple[float, ...]:
+        """What `disturb` asks for behind the noise."""
+        errors = (self.range_bias_m, self.resolution_m, self.range_min_m, self.range_max_m)
+        return (*map(float, errors), float(self.dropout_rate))
 
     def without_errors(self) -> "LaserSpec":
         """The same beams with every imperfection switched off, the range limits included."""
@@ -140,45 +148,14 @@ def measured_ranges(
     ranges_m = np.array(true_ranges_m, dtype=float)
     if spec.mixed_pixel_rate > 0:
         chosen, share = rng.random((2, ranges_m.size))
-        _mix_pixels(spec, ranges_m, chosen, share)
-    normal, dropped = rng.standard_normal(ranges_m.size), rng.random(ranges_m.size)
-    # what hits nothing stays infinite through all of it
-    normal *= spec.sigma_m(ranges_m)
-    normal += spec.range_bias_m
-    ranges_m += normal
-    if spec.resolution_m > 0:
-        ranges_m /= spec.resolution_m
-        np.rint(ranges_m, out=ranges_m)
-        ranges_m *= spec.resolution_m
-    ranges_m[ranges_m > spec.range_max_m] = np.inf
-    ranges_m[ranges_m < spec.range_min_m] = -np.inf
-    ranges_m[dropped < spec.dropout_rate] = np.nan
+        mix_pixels(ranges_m, chosen, share, spec.mixed_pixel_rate, spec.mixed_pixel_jump_m)
+    disturb(
+        ranges_m, rng.standard_normal(ranges_m.size), rng.random(ranges_m.size), spec._sigma_table,
+        *spec._errors,
+    )  # fmt: skip
     return ranges_m
 
 
-def _mix_pixels(
-    spec: LaserSpec, ranges_m: np.ndarray, chosen: np.ndarray, share: np.ndarray
-) -> None:
-    """Gives beams whose spot straddles an edge a range between the two surfaces, in place.
-
-    The edge may be nearer to the beam before it or to the one behind: were it always the same, every
-    edge would seem to be turned to one side.
-    """
-    # a beam that hits nothing has no surface to share with: one far beyond all of them stands for it
-    hits_m = np.minimum(ranges_m, _NOWHERE_M)
-    step_m = hits_m[1:] - hits_m[:-1]
-    is_edge = np.abs(step_m) > spec.mixed_pixel_jump_m
-    is_edge &= chosen[:-1] < spec.mixed_pixel_rate
-    # few: one by one is faster than a dozen calls for all. Backwards: of two edges that share a beam
-    # the one before it tells
-    for edge in is_edge.nonzero()[0][::-1].tolist():
-        if abs(step_m[edge]) < _NOWHERE_M / 2:
-            beam = edge + (chosen[edge] >= spec.mixed_pixel_rate / 2)
-            ranges_m[beam] = hits_m[edge] + share[edge] * step_m[edge]
-
-
-_NOWHERE_M = 1e12
-"""Farther than any surface."""
 _URG_STEP_RAD = 2 * math.pi / 1024
 _DROPOUT_RATE = 0.002
 _MIXED_PIXEL_RATE = 0.3

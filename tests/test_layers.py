@@ -21,7 +21,7 @@ MAY_IMPORT = {
     },
 }
 ONLY_IN = {
-    "kitasap_sim/env/kernels.py": {"numba"},
+    "kitasap_sim/compiled.py": {"numba"},
     "slam/map_files.py": {"PIL", "yaml"},
     "slam/readers/bag_files.py": {
         *("rosbags", "apsw", "lz4", "backports", "compression", "yaml"),
@@ -222,7 +222,13 @@ def loaded_after(code: str, *modules: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "module", ["slam.kernels.facings", "kitasap_sim.env.kernels", "slam.kernels.normal_equations"]
+    "module",
+    [
+        "slam.kernels.facings",
+        "kitasap_sim.env.kernels",
+        "kitasap_sim.range_errors",
+        "slam.kernels.normal_equations",
+    ],
 )
 def test_kernels_are_compiled_though_no_disk_may_be_written(module):
     # a container whose root, home and all, is read-only: Numba finds no place for its cache

@@ -1,27 +1,13 @@
 """Inner loops of the tasks, compiled by Numba once on each machine."""
 
 import math
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-from numba import njit
+
+from kitasap_sim.compiled import compiled
 
 
-def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Kept on disk; where no disk may be written, compiled anew in each process.
-
-    `slam.kernels` does the same; neither package may import the other.
-    """
-    try:
-        return njit(cache=True, nogil=True)(function)
-    except RuntimeError as error:
-        if "cannot cache" not in str(error):
-            raise
-        return njit(nogil=True)(function)
-
-
-@_compiled
+@compiled
 def see(
     is_left: np.ndarray,
     before: np.ndarray,
@@ -70,7 +56,7 @@ def see(
     return count
 
 
-@_compiled
+@compiled
 def look_around(
     is_open: np.ndarray,
     spots: np.ndarray,
@@ -96,3 +82,47 @@ def look_around(
                     break
                 is_seen[math.floor(x * share), math.floor(y * share)] = True
                 way += step
+
+
+@compiled
+def leg_at(at: np.ndarray, along: float) -> int:
+    """The leg of a polyline, lengths at (K,) at its corners, on which a length lies."""
+    leg = 0
+    while leg < len(at) - 2 and at[leg + 1] <= along:
+        leg += 1
+    return leg
+
+
+@compiled
+def nearest_along(
+    corners: np.ndarray, at: np.ndarray, x: float, y: float, low: float, high: float
+) -> tuple[float, float]:
+    """Length along a polyline of corners (K, 2), between two, that is nearest to a point; how far."""
+    best, best_off = low, math.inf
+    for leg in range(leg_at(at, low), leg_at(at, high) + 1):
+        x0, y0 = corners[leg, 0], corners[leg, 1]
+        dx, dy = corners[leg + 1, 0] - x0, corners[leg + 1, 1] - y0
+        length = at[leg + 1] - at[leg]
+        along = ((x - x0) * dx + (y - y0) * dy) / length
+        along = min(max(along, low - at[leg], 0.0), high - at[leg], length)
+        share = along / length
+        off = math.hypot(x - x0 - share * dx, y - y0 - share * dy)
+        if off < best_off:
+            best, best_off = at[leg] + along, off
+    return best, best_off
+
+
+@compiled
+def seen_along(
+    corners: np.ndarray, at: np.ndarray, lengths: np.ndarray, pose: np.ndarray, points: np.ndarray
+) -> None:
+    """Points (L, 2) of a polyline at lengths (L,) along it, in the frame of a pose (3,); its ends
+    beyond."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(len(lengths)):
+        leg = leg_at(at, lengths[i])
+        share = min(max((lengths[i] - at[leg]) / (at[leg + 1] - at[leg]), 0.0), 1.0)
+        dx = corners[leg, 0] + share * (corners[leg + 1, 0] - corners[leg, 0]) - pose[0]
+        dy = corners[leg, 1] + share * (corners[leg + 1, 1] - corners[leg, 1]) - pose[1]
+        points[i, 0] = c * dx + s * dy
+        points[i, 1] = c * dy - s * dx

@@ -12,7 +12,7 @@ from kitasap_sim.env.checks import finite_numbers, number_between
 from kitasap_sim.env.path import Path
 from kitasap_sim.places import Place
 
-_AHEAD_M = (0.2, 0.4, 0.6, 0.8, 1.0)
+_AHEAD_M = np.array([0.2, 0.4, 0.6, 0.8, 1.0])
 _FARTHEST_M = 100.0
 _LEGS, _LEAST_LEG_M, _TRIES = 3, 1.5, 200
 """Of a path that is drawn: free spots so far apart, joined by ways that can be driven."""
@@ -142,15 +142,9 @@ class TrackEnv(KitasapEnv):
 
 def path_ahead(path: Path, pose: np.ndarray, along_m: float) -> np.ndarray:
     """(10,) the observation `path` of a robot that believes to be at a pose (3,), so far along."""
-    x0, y0, theta = pose.tolist()
-    c, s = math.cos(theta), math.sin(theta)
-    seen: list[float] = []
-    for x, y in path.points([along_m + ahead_m for ahead_m in _AHEAD_M]):
-        dx, dy = x - x0, y - y0
-        seen += (c * dx + s * dy, c * dy - s * dx)
-    if max(map(abs, seen)) > _FARTHEST_M:
-        seen = [max(-_FARTHEST_M, min(_FARTHEST_M, value)) for value in seen]
-    return np.array(seen, dtype=np.float32)
+    seen_m = path.seen(along_m + _AHEAD_M, pose).ravel().astype(np.float32)
+    np.minimum(seen_m, _FARTHEST_M, out=seen_m)
+    return np.maximum(seen_m, -_FARTHEST_M, out=seen_m)
 
 
 def _drawn(place: Place, rng: np.random.Generator) -> np.ndarray:

@@ -3,6 +3,7 @@
 import gymnasium
 import mujoco
 import numpy as np
+import pytest
 
 import kitasap_sim  # noqa: F401  registers the tasks
 from kitasap_sim.env.path import Path
@@ -43,7 +44,23 @@ def test_floor_that_no_beam_can_reach_does_not_count():
     assert 11.5 < 0.01 * env.unwrapped._to_see < 17.0
 
 
-def test_points_along_a_path_are_those_asked_one_by_one():
-    path = Path(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [-2.0, 0.5]]))
-    lengths_m = [-0.3, 0.0, 0.4, 1.0, 1.2, 1.5, 2.0, 4.5, 4.5, 9.0]
-    np.testing.assert_allclose(path.points(lengths_m), [path.at(one) for one in lengths_m])
+def test_points_along_a_path_are_those_of_its_legs_and_its_ends_beyond():
+    path = Path(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 0.5], [-2.0, 0.5]]))
+    lengths_m = np.array([-0.3, 0.0, 0.4, 1.0, 1.2, 1.5, 2.0, 4.5, 9.0])
+    expected_m = [
+        (0, 0),
+        (0, 0),
+        (0.4, 0),
+        (1, 0),
+        (1, 0.2),
+        (1, 0.5),
+        (0.5, 0.5),
+        (-2, 0.5),
+        (-2, 0.5),
+    ]
+    np.testing.assert_allclose(path.seen(lengths_m, np.zeros(3)), expected_m, atol=1e-12)
+    assert path.at(1.2) == pytest.approx((1.0, 0.2))
+    # from (1, 0), looking along y, what lies to the left is behind the second corner
+    seen_m = path.seen(np.array([1.2, 2.0]), np.array([1.0, 0.0, np.pi / 2]))
+    np.testing.assert_allclose(seen_m, [(0.2, 0.0), (0.5, 0.5)], atol=1e-12)
+    assert path.heading_rad(1.2) == pytest.approx(np.pi / 2)
