@@ -2,12 +2,15 @@
 
 import json
 
+import pytest
+
 from experiments.cli import main
 from experiments.worlds import MISMATCHES
 
 SOME = {"chair": MISMATCHES["chair"]}
 
 
+@pytest.mark.slow
 def test_each_mismatch_has_its_figures(tmp_path, capsys, monkeypatch):
     # six take a quarter of a minute
     monkeypatch.setattr("experiments.bench.mismatch.MISMATCHES", SOME)

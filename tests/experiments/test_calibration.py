@@ -10,6 +10,7 @@ from experiments.cli import main
 from tests.experiments.refusals import refusal
 
 
+@pytest.mark.slow
 def test_half_a_minute_in_the_paper_s_room_finds_mounting_and_wheels():
     result = run_calibration(CalibrationConfig(duration_s=30.0), seed=1)
     found, errors = result.found, result.found.values - result.true

@@ -55,6 +55,7 @@ def test_episodes_that_ended_outlast_an_interruption(tmp_path, monkeypatch, caps
     assert not (tmp_path / "summary.json").exists()
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_bytes_and_others_do_not(tmp_path):
     for name, seed in (("a", "4"), ("b", "4"), ("c", "5")):
         assert drive(tmp_path / name, "--policy", "random", "--episodes", "2", "--seed", seed) == 0

@@ -89,6 +89,7 @@ def test_bound_figure_shows_every_method_with_its_numbers(tmp_path, run_trials):
             assert result[key] is None or f"{result[key]:.2f}" in row
 
 
+@pytest.mark.slow
 def test_figures_are_titled_by_what_was_done(tmp_path, run_trials):
     assert run_trials(tmp_path, 2) == 0
     folder = tmp_path / "localization"
@@ -143,6 +144,7 @@ def test_blind_scan_promises_nothing():
     assert _within_position(100.0, blind) == _within_heading(100.0, blind) == 0.0
 
 
+@pytest.mark.slow
 def test_drives_leave_bound_and_time_and_no_scatter(drives):
     names = [path.name for path in run_figures(drives)]
     assert names == ["bound.png", "over_time.png"]

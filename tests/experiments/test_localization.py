@@ -63,6 +63,7 @@ def test_round_walls_at_one_side_leave_no_direction_open():
     assert outcome.is_success
 
 
+@pytest.mark.slow
 def test_round_room_has_no_lines_and_open3d_needs_none():
     config = TrialConfig(poses="random", place="round_room", methods=("line", "open3d"))
     for index in range(3):

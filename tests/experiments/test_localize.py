@@ -145,6 +145,7 @@ def test_covariance_is_claimed_where_the_pose_is_believed_alone(unknown_start):
     assert not rows[0]["var_x"]
 
 
+@pytest.mark.slow
 def test_wrong_start_is_noticed_and_put_right(office, tmp_path):
     # negative numbers are no options
     folder = localized(office, LOG, tmp_path / "out", "--start", "-1", "-2", "0.5")
@@ -155,6 +156,7 @@ def test_wrong_start_is_noticed_and_put_right(office, tmp_path):
     assert rows[-1]["status"] == "tracking"
 
 
+@pytest.mark.slow
 def test_same_log_gives_the_same_bytes(office, known_start, tmp_path):
     again = localized(office, LOG, tmp_path / "out", "--start", *FIRST_POSE)
     for name in FILES:
@@ -164,6 +166,7 @@ def test_same_log_gives_the_same_bytes(office, known_start, tmp_path):
 # --- a simulated drive, whose truth is known
 
 
+@pytest.mark.slow
 def test_teleported_robot_notices_and_finds_itself(tmp_path):
     simulation = Simulation("room_fig4", laser("lms200"), rng=np.random.default_rng(0))
     write_map(tmp_path / "room.yaml", rasterised(simulation))

@@ -30,6 +30,7 @@ def driven(task, seed, **keywords):
     return info
 
 
+@pytest.mark.slow
 def test_goto_baseline_reaches_the_goals_of_five_rooms_and_touches_nothing():
     infos = [driven("GoTo", seed, place="random", difficulty=1.0) for seed in range(5)]
     assert [info["is_success"] for info in infos] == [True] * 5

@@ -44,6 +44,7 @@ def test_motion_over_passed_scans_is_kept(tmp_path):
     np.testing.assert_allclose(motion.as_array(), log_motion.as_array(), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_files_of_another_protocol_do_not_stay_and_those_of_others_do(tmp_path):
     (tmp_path / "notes.txt").touch()
     # of no run of ours, as long as no summary says so

@@ -13,6 +13,7 @@ from kitasap_sim.laser import laser
 from kitasap_sim.robot import KITASAP2
 
 
+@pytest.mark.slow
 def test_bare_rectangle_leaves_the_robot_unsure_and_the_policy_hits_nothing():
     # two opposite poses fit for ever; the policy turns a round, drives, and turns again
     env = BeliefReward(

@@ -7,7 +7,7 @@ import pytest
 
 from kitasap_sim import Place, Simulation
 from kitasap_sim.laser import laser
-from kitasap_sim.place_files import place_names
+from tests.kitasap_sim.all_places import PLACES
 
 HEIGHTS_M = (0.10, 0.17, 0.40)
 
@@ -35,7 +35,7 @@ def points_near(place, spot_m, reach_m):
     return points[np.hypot(*(points - spot_m).T) < reach_m]
 
 
-@pytest.mark.parametrize("name", place_names())
+@pytest.mark.parametrize("name", PLACES)
 def test_every_place_has_something_that_can_be_pushed(name):
     place = Place(name)
     for height_m in HEIGHTS_M:

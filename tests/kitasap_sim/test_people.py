@@ -5,8 +5,8 @@ from scipy.spatial import cKDTree
 from kitasap_sim import Place, Simulation, kidnap
 from kitasap_sim.drive import Pilot
 from kitasap_sim.laser import laser
-from kitasap_sim.place_files import place_names
 from kitasap_sim.tracks import Track
+from tests.kitasap_sim.all_places import PLACES
 
 LEG_RADIUS_M = 0.055
 ROBOT_RADIUS_M = 0.30
@@ -28,7 +28,7 @@ def walked(simulation, duration_s, every_s=0.05):
     return np.array(legs), np.array(robot)
 
 
-@pytest.mark.parametrize("name", place_names())
+@pytest.mark.parametrize("name", PLACES)
 def test_no_leg_is_ever_within_a_solid_or_the_robot(name):
     place = Place(name)
     legs, robot = walked(crowded(place, None, people=4), 30.0, every_s=0.1)
@@ -164,6 +164,7 @@ def test_without_people_nothing_changes_and_with_them_the_robot_and_its_noise_do
     assert 0.5 < is_same.mean() < 1.0
 
 
+@pytest.mark.slow
 def test_a_reset_spreads_people_anew_and_away_from_the_robot():
     place = Place("round_room")
     simulation = crowded(place, None, people=4)

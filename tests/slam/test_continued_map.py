@@ -96,6 +96,7 @@ def test_map_that_was_kept_is_continued_as_the_one_at_hand(first, tmp_path):
     assert path.read_bytes() == found[0]
 
 
+@pytest.mark.slow
 def test_session_in_another_building_is_never_joined_and_said_to_be_so(first):
     walls = np.concatenate([room(-4.0, -3.0, 9.0, 4.0), box(2.0, 1.0, 3.0, 4.0)])
     elsewhere = [SE2(-2.0 + 0.3 * k, -1.0, 0.0) for k in range(6)]

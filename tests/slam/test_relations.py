@@ -142,6 +142,7 @@ def test_broken_file_is_named(tmp_path: Path, content, message):
         read_relations(tmp_path / "a.relations")
 
 
+@pytest.mark.slow
 def test_reference_and_odometry_of_intel_score_as_is_known():
     # data/README.md: 0.029 m for the reference; 7.37 +- 14.3 m and 39 degrees for the wheels alone
     relations = read_relations(shared_log("intel.relations"))
