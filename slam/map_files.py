@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,8 @@ from PIL import Image
 
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.se2 import FARTHEST_M, SE2
-from slam.whole_files import write_whole
+from slam.whole_files import read_at_most, write_whole
+from slam.yaml_files import read_yaml, shown
 
 MapMode = Literal["trinary", "scale", "raw"]
 ImageFormat = Literal["pgm", "png"]
@@ -36,6 +38,16 @@ _THRESHOLDS: dict[MapMode, tuple[float, float]] = {
 """Occupied and free. The grey of the unknown is a probability of 0.19608: with the 0.25 that nav2
 wrote until 2025 (its pull request 5278) the unknown comes back as free. Scale: all from 0 to 100."""
 _TRUE, _FALSE = ("true", "yes", "on", "y"), ("false", "no", "off", "n")
+
+_READ_FORMATS = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
+"""Of what Pillow knows: some of its formats start other programs."""
+_MOST_CELLS = 36_000_000
+"""Chosen: 300 x 300 m at 5 cm. Localising on such a map takes a gigabyte."""
+_MOST_IMAGE_BYTES = 8 * _MOST_CELLS
+_PIXELS_AT_ONCE = 1 << 20
+_TOO_LARGE = (
+    f"a map may have {_MOST_CELLS // 1_000_000} million: take a coarser one, or a part of it"
+)
 
 
 @dataclass(frozen=True)
@@ -54,22 +66,25 @@ class _Header:
 def read_map(path: str | Path) -> OccupancyGrid:
     """The map that a YAML file of map_server describes, with its image beside it.
 
-    The image: PGM, PNG or whatever else Pillow reads; colours are averaged, 16 bits a pixel are
-    taken in full where there is one channel, and as 8 where there are three. With p the darkness of
-    a pixel (its brightness, with negate), from 0 to 1:
+    The image: PGM, PNG, BMP, GIF, JPEG or TIFF, within the folder of the YAML file; colours are
+    averaged, 16 bits a pixel are taken in full where there is one channel, and as 8 where there are
+    three. With p the darkness of a pixel (its brightness, with negate), from 0 to 1:
     trinary: 100 for p > occupied_thresh, 0 for p < free_thresh, else -1.
     scale: between the thresholds 0 to 100 in proportion; -1 where the pixel is not opaque.
     raw: the pixel's value from 0 to 255 itself up to 100, else -1.
-    Raises ValueError, one line that names the file, for what is not such a map or is cut; OSError
-    when one of the files cannot be opened.
+    Raises ValueError, one line that names the file, for what is not such a map, is cut or has more
+    than 36 million cells; OSError when one of the files cannot be opened.
     """
     path = Path(path)
     header = _read_header(path)
-    sums, full, is_opaque = _read_image(header.image, header.mode)
-    cells = _cell_values(full, header)[sums]
-    if header.mode == "scale" and is_opaque is not None:
-        # ROS 1 looks at it between the thresholds alone, and takes what is half transparent as it is
-        cells[~is_opaque] = UNKNOWN
+    picture = _decoded(header.image)
+    has_alpha = picture.has_transparency_data
+    columns, rows = picture.size
+    cells = np.empty((rows, columns), dtype=np.int8)
+    at_once = max(1, _PIXELS_AT_ONCE // columns)
+    for top in range(0, rows, at_once):
+        part = picture.crop((0, top, columns, min(top + at_once, rows)))
+        cells[top : top + at_once] = _cells_of(part, header, has_alpha)
     # an image starts at its top, a grid at its lowest y
     return OccupancyGrid(cells[::-1], header.resolution_m, header.T_map_grid)
 
@@ -123,25 +138,19 @@ def _read_header(path: Path) -> _Header:
 
     Raises ValueError that names the file and the key.
     """
-    content = path.read_bytes()
-    try:
-        # scalars stay text, as in the readers of ROS: YAML 1.1 takes 1e-3 for a word, and yes for 1
-        fields = yaml.load(content, Loader=yaml.BaseLoader)
-    except (yaml.YAMLError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(f"{path.name}: not a YAML file ({reason})") from error
+    fields = read_yaml(path)
     if not isinstance(fields, dict):
         found = "nothing" if not fields else f"a {type(fields).__name__}"
         raise ValueError(f"{path.name}: expected keys such as image and resolution, found {found}")
     # nav2 and ROS 1 refuse a map without its thresholds alike: the defaults are map_saver's
     image = _field(fields, "image", path)
     if not isinstance(image, str) or not image or "\0" in image:
-        raise ValueError(f"{path.name}: image must be the name of a file, not {image!r}")
+        raise ValueError(f"{path.name}: image must be the name of a file, not {shown(image)}")
     resolution_m = _number(fields, "resolution", path)
     if not resolution_m > 0.0:
         raise ValueError(f"{path.name}: resolution must be above 0 m, not {resolution_m}")
     return _Header(
-        path.parent / image,
+        _beside(path, image),
         resolution_m,
         _origin(fields, path),
         _mode(fields, path),
@@ -153,7 +162,7 @@ def _read_header(path: Path) -> _Header:
 def _field(fields: dict[object, object], key: str, path: Path) -> object:
     if key not in fields:
         known = ", ".join(map(str, fields)) or "none"
-        raise ValueError(f"{path.name}: the key {key} is missing (found: {known})")
+        raise ValueError(f"{path.name}: the key {key} is missing (found: {known[:200]})")
     return fields[key]
 
 
@@ -167,19 +176,19 @@ def _finite(value: object, key: str, path: Path) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise ValueError(f"{path.name}: {key} must be a number, not {value!r}")
+        raise ValueError(f"{path.name}: {key} must be a number, not {shown(value)}")
     return number
 
 
 def _origin(fields: dict[object, object], path: Path) -> SE2:
     origin = _field(fields, "origin", path)
     if not isinstance(origin, list) or len(origin) != 3:
-        raise ValueError(f"{path.name}: origin must be a list of x, y and yaw, not {origin!r}")
+        raise ValueError(f"{path.name}: origin must be a list of x, y and yaw, not {shown(origin)}")
     x, y, yaw = (_finite(value, "origin", path) for value in origin)
     if max(abs(x), abs(y), abs(yaw)) > FARTHEST_M:
         raise ValueError(
             f"{path.name}: origin must be x and y in metres and a yaw in radians, none beyond"
-            f" {FARTHEST_M:g}, not {origin!r}; give where the lower left corner of the map lies"
+            f" {FARTHEST_M:g}, not {shown(origin)}; give where the lower left corner of the map lies"
         )
     return SE2(x, y, yaw)
 
@@ -189,7 +198,7 @@ def _mode(fields: dict[object, object], path: Path) -> MapMode:
     for known in get_args(MapMode):
         if mode == known:
             return known
-    raise ValueError(f"{path.name}: mode must be trinary, scale or raw, not {mode!r}")
+    raise ValueError(f"{path.name}: mode must be trinary, scale or raw, not {shown(mode)}")
 
 
 def _is_negated(fields: dict[object, object], path: Path) -> bool:
@@ -200,7 +209,7 @@ def _is_negated(fields: dict[object, object], path: Path) -> bool:
         return word == "1"
     if word in _TRUE or word in _FALSE:
         return word in _TRUE
-    raise ValueError(f"{path.name}: negate must be 0 or 1, true or false, not {negate!r}")
+    raise ValueError(f"{path.name}: negate must be 0 or 1, true or false, not {shown(negate)}")
 
 
 def _thresholds(fields: dict[object, object], path: Path) -> tuple[float, float]:
@@ -215,45 +224,74 @@ def _thresholds(fields: dict[object, object], path: Path) -> tuple[float, float]
     return occupied, free
 
 
-def _read_image(
-    path: Path, mode: MapMode
+def _cells_of(picture: Image.Image, header: _Header, has_alpha: bool) -> NDArray[np.int8]:
+    """(rows, columns) the cells that pixels stand for, in their order."""
+    sums, full, is_opaque = _sums(picture, header, has_alpha)
+    cells = _cell_values(full, header)[sums]
+    if header.mode == "scale" and is_opaque is not None:
+        # ROS 1 looks at it between the thresholds alone, and takes what is half transparent as it is
+        cells[~is_opaque] = UNKNOWN
+    return cells
+
+
+def _sums(
+    picture: Image.Image, header: _Header, has_alpha: bool
 ) -> tuple[NDArray[np.int64], int, NDArray[np.bool_] | None]:
     """(rows, columns) sum of each pixel's channels, the largest that it can be, and whether each
     pixel is opaque, None where all are."""
-    picture = _decoded(path)
-    has_alpha = picture.has_transparency_data
     if picture.mode in ("1", "L") and not has_alpha:
         return np.asarray(picture.convert("L"), dtype=np.int64), 255, None
-    # Pillow brings a PGM of any depth to 16 bits
-    is_deep = picture.mode == "I" and picture.format in ("PPM", "PNG")
-    if is_deep or picture.mode.startswith("I;16"):
+    # Pillow brings a PGM of any depth to 16 bits, and only those and a PNG's come so far
+    if picture.mode == "I" or picture.mode.startswith("I;16"):
         return np.asarray(picture, dtype=np.int64), 65535, None
-    if picture.mode in ("I", "F"):
-        raise ValueError(f"{path.name}: expected 8 or 16 bits a pixel, found 32")
     if not has_alpha:
         return np.asarray(picture.convert("RGB")).sum(axis=2, dtype=np.int64), 3 * 255, None
     channels = np.asarray(picture.convert("RGBA"))
     is_opaque = channels[..., 3] == 255
     # both loaders take the opacity for one more colour here: what is transparent gets darker
-    taken = channels if mode == "trinary" else channels[..., :3]
+    taken = channels if header.mode == "trinary" else channels[..., :3]
     return taken.sum(axis=2, dtype=np.int64), taken.shape[2] * 255, is_opaque
 
 
+def _beside(path: Path, image: str) -> Path:
+    """The image's file. Raises ValueError unless it lies in the folder of the YAML file, or below."""
+    found = path.parent / image
+    # a link that leads elsewhere leads outside; the YAML file may be such a link itself
+    folders = {path.parent.resolve(), path.resolve().parent}
+    if not any(found.resolve().is_relative_to(folder) for folder in folders):
+        raise ValueError(
+            f"{path.name}: its image {shown(image)} lies outside of its folder, where nothing is"
+            f" read: put it beside {path.name}, and write image: {os.path.basename(image)[:60]}"
+        )
+    return found
+
+
 def _decoded(path: Path) -> Image.Image:
-    """The image in a file. Raises ValueError that names it when it is none, or not whole."""
-    content = path.read_bytes()
+    """The image in a file. Raises ValueError that names it when it is none, not whole or too large."""
+    content = read_at_most(path, _MOST_IMAGE_BYTES)
     try:
         with warnings.catch_warnings():
-            # a map of 10 000 x 10 000 cells is no attack; Pillow raises at twice what it warns of
+            # what is too large is told by the number of cells, before anything is decoded
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-            picture = Image.open(io.BytesIO(content))
-            picture.load()
+            picture = Image.open(io.BytesIO(content), formats=_READ_FORMATS)
+            columns, rows = picture.size
+            is_too_large = columns * rows > _MOST_CELLS
+            if not is_too_large:
+                picture.load()
     except Image.UnidentifiedImageError as error:
-        raise ValueError(f"{path.name}: not an image of a known format") from error
+        known = ", ".join(name.lower() for name in ("PGM", *_READ_FORMATS[1:]))
+        raise ValueError(f"{path.name}: not an image of a known format ({known})") from error
+    except Image.DecompressionBombError as error:
+        raise ValueError(f"{path.name}: {_TOO_LARGE}") from error
     except Exception as error:
         # the decoders raise what they like: OSError, SyntaxError, struct.error, zlib.error ...
         reason = " ".join(str(error).split())
         raise ValueError(f"{path.name}: the image is cut or damaged ({reason})") from error
+    if is_too_large:
+        raise ValueError(f"{path.name}: {columns} x {rows} cells; {_TOO_LARGE}")
+    is_deep = picture.mode == "I" and picture.format in ("PPM", "PNG")
+    if picture.mode in ("I", "F") and not is_deep:
+        raise ValueError(f"{path.name}: expected 8 or 16 bits a pixel, found 32")
     return picture
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+_PART_BYTES = 1 << 20
+
 
 def write_whole(path: Path, content: bytes) -> None:
     """Writes a file so that at any moment there is the old one or the new one, whole.
@@ -18,3 +20,21 @@ def write_whole(path: Path, content: bytes) -> None:
         os.replace(unfinished, path)
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def read_at_most(path: Path, most_bytes: int) -> bytes:
+    """All of a file, which is no longer than that.
+
+    Raises ValueError that names it for a longer one, be it without end; OSError when it cannot be
+    opened.
+    """
+    content = bytearray()
+    with path.open("rb") as file:
+        # a part at a time: memory for all that may be read would be taken at once
+        while len(content) <= most_bytes and (part := file.read(_PART_BYTES)):
+            content += part
+    if len(content) > most_bytes:
+        raise ValueError(
+            f"{path.name}: longer than the {most_bytes / 1e6:g} MB that are read of one"
+        )
+    return bytes(content)

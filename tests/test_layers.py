@@ -26,6 +26,7 @@ ONLY_IN = {
     "slam/readers/bag_files.py": {
         *("rosbags", "apsw", "lz4", "backports", "compression", "yaml"),
     },
+    "slam/yaml_files.py": {"yaml"},
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
     "experiments/doctor.py": {"packaging"},
     "experiments/figures/against_bound.py": {"matplotlib"},
@@ -47,6 +48,7 @@ ONLY_IN = {
     "experiments/figures/slam_map.py": {"matplotlib"},
     "experiments/bag_writer.py": {"rosbags"},
     "experiments/map_quality.py": {"scipy"},
+    "experiments/map_worlds.py": {"scipy"},
     "experiments/train.py": {"torch", "stable_baselines3"},
     "experiments/video.py": {"PIL", "imageio_ffmpeg"},
     "experiments/figures/recorded_log.py": {"matplotlib"},
@@ -54,7 +56,7 @@ ONLY_IN = {
 }
 
 RANKS = (
-    {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files"},
+    {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files"} | {"yaml_files"},
     {
         "measurements",
         "odometry",

@@ -64,9 +64,9 @@ def test_image_starts_at_the_top_and_the_grid_at_the_bottom(tmp_path):
     assert grid.value_at(expected) == 100
 
 
-def test_plain_pgm_and_absolute_path_are_read(tmp_path):
-    (tmp_path / "elsewhere").mkdir()
-    image = tmp_path / "elsewhere" / "a.pgm"
+def test_plain_pgm_and_absolute_path_into_the_folder_are_read(tmp_path):
+    (tmp_path / "below").mkdir()
+    image = tmp_path / "below" / "a.pgm"
     image.write_bytes(b"P2\n3 1\n255\n0 205 254\n")
     assert read_map(written(tmp_path, image=str(image))).cells.tolist() == [[100, -1, 0]]
 
@@ -252,11 +252,8 @@ def test_image_that_is_cut_anywhere_is_refused(tmp_path, suffix):
 
 
 def test_other_files_than_images_are_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"^map\.pgm: not an image of a known format$"):
+    with pytest.raises(ValueError, match=r"^map\.pgm: not an image of a known format \(pgm, png, "):
         read_map(written(tmp_path, b"these are words"))
-    huge = b"P5 999999 999999 255\n"
-    with pytest.raises(ValueError, match=r"^map\.pgm: the image is cut or damaged \("):
-        read_map(written(tmp_path, huge))
 
 
 @SAME_FOLDER
