@@ -127,11 +127,24 @@ def largest_room(is_open: np.ndarray) -> np.ndarray:
     while rest.any():
         part = flooded(rest, np.argwhere(rest)[:1])
         rest &= ~part
-        touches = part[[0, -1]].any() or part[:, [0, -1]].any()
-        key = (not touches, int(part.sum()))
+        key = (not touches_border(part), int(part.sum()))
         if key > best_key:
             best, best_key = part, key
     return best
+
+
+def touches_border(mask: np.ndarray) -> bool:
+    """Whether a cell of the mask lies at the border of the grid."""
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
+
+
+def roomiest_cell(room: np.ndarray) -> np.ndarray:
+    """(2,) the cell of a mask that is farthest from what is not."""
+    while True:
+        smaller = room & ~widened(~room, 1.5)
+        if not smaller.any():
+            return np.argwhere(room)[0]
+        room = smaller
 
 
 def bared(outlines: Sequence[np.ndarray], covers: Sequence[bool]) -> np.ndarray:

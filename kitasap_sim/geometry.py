@@ -69,13 +69,37 @@ def cuts_at(solids: Iterable[np.ndarray], height_m: float) -> np.ndarray:
 
 def cuts_between(solids: Iterable[np.ndarray], low_m: float, high_m: float) -> np.ndarray:
     """(S, 2, 2) segments [m] of solids cut at heights from low to high: a thin board counts too."""
-    share = np.linspace(0.02, 0.98, _CUTS_PER_GEOM)
     cuts = [np.empty((0, 2, 2))]
     for solid in solids:
-        bottom_m, top_m = np.clip([solid[:, :, 2].min(), solid[:, :, 2].max()], low_m, high_m)
-        if top_m > bottom_m:
-            cuts += [slice_at(solid, height) for height in bottom_m + share * (top_m - bottom_m)]
+        cuts += [slice_at(solid, height) for height in _cut_heights(solid, low_m, high_m)]
     return np.concatenate(cuts)
+
+
+def _cut_heights(solid: np.ndarray, low_m: float, high_m: float) -> np.ndarray:
+    """Heights from low to high at which a solid stands; none if it does not reach there."""
+    bottom_m, top_m = np.clip([solid[:, :, 2].min(), solid[:, :, 2].max()], low_m, high_m)
+    if not top_m > bottom_m:
+        return np.empty(0)
+    heights_m: np.ndarray = bottom_m + np.linspace(0.02, 0.98, _CUTS_PER_GEOM) * (top_m - bottom_m)
+    return heights_m
+
+
+def is_within(
+    solids: Iterable[np.ndarray], point_m: np.ndarray, low_m: float, high_m: float
+) -> bool:
+    """Whether a point (2,) of the plane lies inside a solid cut at any of the heights of
+    `cuts_between`: a line from it crosses the cut's outline an odd number of times."""
+    x, y = point_m
+    for solid in solids:
+        lower, upper = solid[:, :, :2].min(axis=(0, 1)), solid[:, :, :2].max(axis=(0, 1))
+        if (lower <= point_m).all() and (point_m <= upper).all():
+            for height_m in _cut_heights(solid, low_m, high_m):
+                (ax, ay), (bx, by) = slice_at(solid, height_m).transpose(1, 2, 0)
+                is_crossed = (ay > y) != (by > y)
+                share = np.divide(y - ay, by - ay, where=is_crossed, out=np.zeros_like(ay))
+                if (is_crossed & (ax + share * (bx - ax) > x)).sum() % 2:
+                    return True
+    return False
 
 
 def points_on(segments: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -17,11 +17,20 @@ from kitasap_sim.free_space import (
     flooded,
     largest_room,
     pulled_straight,
+    roomiest_cell,
     steps_to,
+    touches_border,
     way_down,
     widened,
 )
-from kitasap_sim.geometry import cuts_between, points_on, slice_at, static_triangles, visible_runs
+from kitasap_sim.geometry import (
+    cuts_between,
+    is_within,
+    points_on,
+    slice_at,
+    static_triangles,
+    visible_runs,
+)
 from kitasap_sim.place_files import place_path
 from kitasap_sim.place_map import PlaceMap
 from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
@@ -296,11 +305,7 @@ class Place:
         if free.any():
             return free
         if self._start_site is None:
-            raise ValueError(
-                f"place {self.name} has no site '{names.START}', and no spot was found within its"
-                f" walls with {KITASAP2.radius_m} m of room around it: add the site (are the walls"
-                " closed?)"
-            )
+            raise self._no_room()
         x, y, _ = self._start_site
         raise ValueError(
             f"place {self.name}: its start ({x:.2f}, {y:.2f}) has less than "
@@ -309,12 +314,23 @@ class Place:
 
     def _roomiest_spot(self) -> np.ndarray:
         """(2,) the spot of the largest room that is farthest from its walls [m]."""
-        room = largest_room(~self._blocked)
-        while True:
-            smaller = room & ~widened(~room, 1.5)
-            if not smaller.any():
-                return self._grid.centres_m(np.argwhere(room))[0]
-            room = smaller
+        left, is_first = ~self._blocked, True
+        while (room := largest_room(left)).any():
+            spot_m = self._grid.centres_m(roomiest_cell(room))
+            # of a thick wall only the outline is blocked: its inside may be the largest room
+            if not is_within(self._solid, spot_m, *SWEPT_HEIGHTS_M):
+                if touches_border(room) and not is_first:
+                    break
+                return spot_m
+            left, is_first = left & ~room, False
+        raise self._no_room()
+
+    def _no_room(self) -> ValueError:
+        return ValueError(
+            f"place {self.name} has no site '{names.START}', and no spot was found within its"
+            f" walls with {KITASAP2.radius_m} m of room around it: add the site (are the walls"
+            " closed?)"
+        )
 
     def _cell_m(self, bounds_m: np.ndarray, finest_m: float) -> float:
         return max(finest_m, float((bounds_m[1] - bounds_m[0]).max()) / _MAX_CELLS_ALONG)

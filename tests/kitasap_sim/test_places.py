@@ -72,6 +72,19 @@ def test_the_map_of_a_room_is_its_inner_faces_alone(box_room):
     assert wanted <= len(points) < 1.15 * wanted
 
 
+def test_the_roomiest_spot_is_not_inside_of_a_wall(place_file):
+    # a corridor of 1 m around the outside of a solid block of 4 x 4 m, closed by a fence
+    fence = "".join(
+        f'<geom type="box" size="{a} {b} 0.5" pos="{x} {y} 0.5"/>'
+        for a, b, x, y in ((3.1, 0.05, 0, 3), (3.1, 0.05, 0, -3), (0.05, 3, 3, 0), (0.05, 3, -3, 0))
+    )
+    block = '<geom type="box" size="2 2 0.5" pos="0 0 0.5"/>'
+    text = f"<mujoco><worldbody>{fence}{block}</worldbody></mujoco>"
+    place = Place(place_file(text))
+    assert np.abs(place.start[:2]).max() > 2.0
+    assert np.abs(place.free_centres_m).max(axis=1).min() > 2.2
+
+
 def test_what_lies_within_other_solids_is_not_on_the_map(place_file):
     # a wall of two boxes that run into each other, one of them turned, and a post at their joint
     more = """
