@@ -14,6 +14,7 @@ from experiments.commands import (
     reports,
     simulated,
     trajectories,
+    world,
 )
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
@@ -45,6 +46,7 @@ app.command()(reports.report)
 app.command()(reports.reproduce)
 app.command()(doctor.doctor)
 app.add_typer(bench.app, name="bench")
+app.add_typer(world.app, name="world")
 
 
 def main(arguments: list[str] | None = None) -> int:
