@@ -66,6 +66,8 @@ def main(arguments: list[str] | None = None) -> int:
         if os.environ.get("KITASAP_TRACEBACK"):
             raise
         return _refused(_reason(error))
+    except MemoryError:
+        return _refused("there is not enough memory for this")
     except (KeyboardInterrupt, typer.Abort):
         status = _INTERRUPTED
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing

@@ -20,22 +20,30 @@ _BOX_FACES = np.array(
 
 
 _CUTS_PER_GEOM = 8
+_MOST_TRIANGLES = 1_500_000
+"""Chosen: their cuts take half a gigabyte."""
 
 
 def static_triangles(model: mujoco.MjModel, *, seen_only: bool) -> dict[int, np.ndarray]:
     """Triangles (F, 3, 3) in the world [m] of each static geom by its id; floors are among them.
 
     seen_only: leave out what beams pass over (no alpha).
-    Raises ValueError for kinds of geom that have no surface here (height fields, SDFs).
+    Raises ValueError for kinds of geom that have no surface here (height fields, SDFs), and for more
+    than a million and a half triangles.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     static = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
-    triangles = {}
+    triangles, count = {}, 0
     for geom in static.tolist():
-        if seen_only and not _is_seen(model, geom):
+        if seen_only and not is_seen(model, geom):
             continue
         local = _triangles(model, geom)
+        count += len(local)
+        if count > _MOST_TRIANGLES:
+            raise ValueError(
+                f"more than {_MOST_TRIANGLES} triangles: take simpler meshes, fewer round things"
+            )
         rotation = data.geom_xmat[geom].reshape(3, 3)
         triangles[geom] = local @ rotation.T + data.geom_xpos[geom]
     return triangles
@@ -124,7 +132,8 @@ def visible_runs(points: np.ndarray, owners: np.ndarray, is_visible: np.ndarray)
     return np.stack([points[firsts], points[lasts]], axis=1)
 
 
-def _is_seen(model: mujoco.MjModel, geom: int) -> bool:
+def is_seen(model: mujoco.MjModel, geom: int) -> bool:
+    """Whether beams end on a geom: they pass what has no alpha."""
     material = model.geom_matid[geom]
     rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
     return bool(rgba[3] > 0)

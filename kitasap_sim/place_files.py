@@ -13,11 +13,17 @@ def place_names() -> list[str]:
     return sorted(Path(str(entry)).stem for entry in _FOLDER.iterdir() if entry.name[-4:] == ".xml")
 
 
+def shipped_path(name: str) -> Path | None:
+    """The file of a place that comes with the project, by its name; None for any other."""
+    return Path(str(_FOLDER / f"{name}.xml")) if name in place_names() else None
+
+
 def place_path(name: str) -> Path:
     """The file of a place by name, or by path. Raises ValueError, naming those there are, if there
     is none."""
-    if name in place_names():
-        return Path(str(_FOLDER / f"{name}.xml"))
+    shipped = shipped_path(name)
+    if shipped is not None:
+        return shipped
     path = Path(name)
     if path.is_file():
         if path.suffix.lower() not in _ENDINGS:

@@ -25,6 +25,7 @@ from kitasap_sim.free_space import (
 )
 from kitasap_sim.geometry import (
     cuts_between,
+    is_seen,
     is_within,
     points_on,
     slice_at,
@@ -33,6 +34,7 @@ from kitasap_sim.geometry import (
 )
 from kitasap_sim.place_files import place_path
 from kitasap_sim.place_map import PlaceMap
+from kitasap_sim.place_reading import compiled_place, read_place
 from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
 
 _MAP_CELL_M = 0.005
@@ -41,6 +43,8 @@ _TREMBLE_M = 0.001
 """Chosen: beams leave their plane by micrometres at rest, by tenths of a millimetre on a drive."""
 _MAX_CELLS_ALONG = 3000
 """A large place gets coarser cells rather than gigabytes of them."""
+_FARTHEST_M = 10_000.0
+"""Chosen: a town; MuJoCo calls positions unstable that are far beyond."""
 
 
 class Place:
@@ -55,7 +59,7 @@ class Place:
         self.name = str(name_or_path)
         self.path = place_path(self.name)
         self._is_file = True
-        self._take(self._parsed())
+        self._take(read_place(self.path, self.name))
 
     @classmethod
     def of_mjcf(cls, spec: mujoco.MjSpec, name: str) -> "Place":
@@ -80,12 +84,18 @@ class Place:
     def _take(self, spec: mujoco.MjSpec) -> None:
         """Makes this the place's world. Raises ValueError if it cannot be used."""
         self._spec = spec
-        self.model = self._compile(self._spec.copy())
+        self.model = compiled_place(self._spec.copy(), self.name)
         try:
-            self._seen = list(static_triangles(self.model, seen_only=True).values())
-            self._solid = list(static_triangles(self.model, seen_only=False).values())
+            solids = static_triangles(self.model, seen_only=False)
         except ValueError as error:
             raise ValueError(f"place {self.name}: {error}") from None
+        self._solid = list(solids.values())
+        self._seen = [solid for geom, solid in solids.items() if is_seen(self.model, geom)]
+        ends_m = np.abs(self._swept)
+        if not ends_m.max(initial=0.0) < _FARTHEST_M:
+            raise ValueError(
+                f"place {self.name} reaches farther than {_FARTHEST_M / 1000:g} km from its origin"
+            )
         if not len(self._swept):
             raise ValueError(
                 f"place {self.name} has nothing between {SWEPT_HEIGHTS_M[0]} and "
@@ -100,20 +110,6 @@ class Place:
     def mjcf(self) -> mujoco.MjSpec:
         """The world as an editable specification of its own, the robot not in it."""
         return self._spec.copy()
-
-    def _parsed(self) -> mujoco.MjSpec:
-        try:
-            return mujoco.MjSpec.from_file(str(self.path))
-        except ValueError as error:
-            raise ValueError(
-                f"place {self.name} is not a valid MJCF file: {_one_line(error)}"
-            ) from None
-
-    def _compile(self, spec: mujoco.MjSpec) -> mujoco.MjModel:
-        try:
-            return spec.compile()
-        except ValueError as error:
-            raise ValueError(f"place {self.name} does not compile: {_one_line(error)}") from None
 
     def movable(self, height_m: float) -> str:
         """The name of a piece of furniture that a passer-by may push aside; a chair, if it can be.
@@ -340,7 +336,3 @@ def _remade(mjcf: str, name: str, path: Path, start: np.ndarray) -> Place:
     place = Place.of_mjcf(mujoco.MjSpec.from_string(mjcf), name)
     place.path, place.start = path, start
     return place
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -24,6 +24,14 @@ _HELP = (
 )
 
 
+_MOST_QUALITY = {
+    **{"shadowsize": 8192, "offsamples": 16},
+    **{"numslices": 128, "numstacks": 128, "numquads": 16},
+}
+"""Chosen: twice what the places that ship ask for, and more; a place of a stranger's may ask for all
+memory."""
+
+
 class RenderingError(RuntimeError):
     """There is no OpenGL on this machine; the message says what to install."""
 
@@ -65,6 +73,8 @@ class Renderer:
         width, height = size_px
         model = simulation.model
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
+        for name, most in _MOST_QUALITY.items():
+            setattr(model.vis.quality, name, min(getattr(model.vis.quality, name), most))
         self._simulation, self._stride = simulation, beam_stride
         self._camera = _camera(simulation, camera)
         self._data = mujoco.MjData(model)
