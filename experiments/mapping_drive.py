@@ -45,7 +45,9 @@ def round_through(place: Place, rng: np.random.Generator) -> FloatArray:
     while len(left_m := left_m[np.hypot(*(left_m - here_m).T) >= _TOUR_M]):
         # the nearest of what is left, by the way there and not through the walls
         off_m = np.hypot(*(left_m - here_m).T)
-        near = left_m[np.argsort(off_m, kind="stable")[:5]]
+        # not all of them sorted: an office building has a million
+        is_near = off_m <= np.partition(off_m, min(4, len(off_m) - 1))[:5].max()
+        near = left_m[is_near][np.argsort(off_m[is_near], kind="stable")[:5]]
         lengths = [np.hypot(*np.diff(place.way(here_m, spot), axis=0).T).sum() for spot in near]
         here_m = near[int(np.argmin(lengths))]
         stops.append(here_m)

@@ -61,10 +61,10 @@ def widened(mask: np.ndarray, radius_cells: float) -> np.ndarray:
     return padded[reach : reach + rows, reach : reach + columns]
 
 
-def steps_to(is_open: np.ndarray, seeds: np.ndarray) -> np.ndarray:
+def steps_to(is_open: np.ndarray, seeds: np.ndarray, until: np.ndarray | None = None) -> np.ndarray:
     """Steps from each open cell to the nearest open seed cell (K, 2), over 4 neighbours.
 
-    -1 where no seed can be reached. Four neighbours, not eight: walls are drawn as 8-connected
+    -1 where no seed can be reached, and, if a cell `until` (2,) is given, what is farther. Four neighbours, not eight: walls are drawn as 8-connected
     cells, which so leak nothing.
     """
     width = is_open.shape[1] + 2
@@ -74,10 +74,13 @@ def steps_to(is_open: np.ndarray, seeds: np.ndarray) -> np.ndarray:
     dry, counts = is_dry.ravel(), steps.reshape(-1)
     front = (seeds[:, 0] + 1) * width + seeds[:, 1] + 1
     front = np.unique(front[dry[front]])
+    last = None if until is None else int((until[0] + 1) * width + until[1] + 1)
     count = 0
     while front.size:
         dry[front] = False
         counts[front] = count
+        if last is not None and counts[last] == count:
+            break
         reached = (front[:, None] + np.array([-width, -1, 1, width])).ravel()
         reached = reached[dry[reached]]
         # each cell once, by whose mark stays on it: sorting them takes three times as long
@@ -96,23 +99,28 @@ def flooded(is_open: np.ndarray, seeds: np.ndarray) -> np.ndarray:
 def way_down(steps: np.ndarray, cell: np.ndarray) -> np.ndarray:
     """(W, 2) cells from a cell (2,) to the nearest seed, by the steps that `steps_to` counted."""
     way = [np.array(cell)]
-    padded = np.pad(steps, 1, constant_values=-1)
     neighbours = np.array([[-1, 0], [0, -1], [0, 1], [1, 0]])
     while (left := steps[tuple(way[-1])]) > 0:
         around = way[-1] + neighbours
-        way.append(around[padded[tuple((around + 1).T)] == left - 1][0])
+        around = around[((around >= 0) & (around < steps.shape)).all(axis=1)]
+        way.append(around[steps[tuple(around.T)] == left - 1][0])
     return np.array(way)
 
 
 def pulled_straight(
-    points_m: np.ndarray, is_way_free: Callable[[np.ndarray, np.ndarray], bool]
+    points_m: np.ndarray,
+    is_way_free: Callable[[np.ndarray, np.ndarray], bool],
+    may_be_free: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """(W, 2) those of a way's points (K, 2) that it turns at, if it goes straight where it can."""
+    """(W, 2) those of a way's points (K, 2) that it turns at, if it goes straight where it can.
+
+    may_be_free: of a point and (E, 2) others, False where a quick look tells that it is not.
+    """
     corners = [0]
     while (first := corners[-1]) < len(points_m) - 1:
         # the farthest point in sight; the next one always is
-        later = range(len(points_m) - 1, first + 1, -1)
-        seen = (i for i in later if is_way_free(points_m[first], points_m[i]))
+        maybe = first + 2 + np.flatnonzero(may_be_free(points_m[first], points_m[first + 2 :]))
+        seen = (i for i in maybe[::-1].tolist() if is_way_free(points_m[first], points_m[i]))
         corners.append(next(seen, first + 1))
     return points_m[corners]
 

@@ -48,7 +48,14 @@ def test_steps_are_those_of_a_flood_cell_by_cell():
         # some seeds twice, some not open
         seeds = rng.integers(0, mask.shape, (int(rng.integers(0, 6)), 2))
         seeds = np.concatenate([seeds, seeds[:2]])
-        assert np.array_equal(steps_to(mask, seeds), slow_steps_to(mask, seeds))
+        steps = slow_steps_to(mask, seeds)
+        assert np.array_equal(steps_to(mask, seeds), steps)
+        # to a cell and no farther: what lies as near as that has its steps
+        until = rng.integers(0, mask.shape)
+        found = steps_to(mask, seeds, until)
+        is_near = steps <= steps[tuple(until)]
+        is_near |= steps[tuple(until)] < 0
+        assert np.array_equal(found, np.where(is_near, steps, -1))
 
 
 def test_way_pulled_straight_turns_at_its_corners_alone():
@@ -57,7 +64,22 @@ def test_way_pulled_straight_turns_at_its_corners_alone():
     def is_along_an_axis(start_m, end_m):
         return bool((start_m == end_m).any())
 
-    corners_m = pulled_straight(points_m, is_along_an_axis)
+    def may_be(start_m, ends_m):
+        return np.ones(len(ends_m), dtype=bool)
+
+    corners_m = pulled_straight(points_m, is_along_an_axis, may_be)
     assert corners_m.tolist() == [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]]
     # the next point always is in sight
-    assert np.array_equal(pulled_straight(points_m, lambda start_m, end_m: False), points_m)
+    assert np.array_equal(pulled_straight(points_m, lambda start_m, end_m: False, may_be), points_m)
+
+
+def test_the_quick_look_along_a_way_never_tells_a_free_one_from_it(box_room):
+    rng = np.random.default_rng(4)
+    spots_m = np.array([box_room.draw_free_pose(rng)[:2] for _ in range(40)])
+    told = 0
+    for start_m in spots_m:
+        is_free = np.array([box_room.is_way_free(start_m, end_m) for end_m in spots_m])
+        may_be = box_room._may_be_free(start_m, spots_m)
+        assert may_be[is_free].all()
+        told += int((~may_be).sum())
+    assert told > 100
