@@ -19,7 +19,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
 from slam.slam_map_checks import check_arrays
 from slam.views import Glance
-from slam.whole_files import write_whole
+from slam.whole_files import read_at_most, write_whole
 
 VERSION = 3
 """Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances."""
@@ -34,10 +34,13 @@ _GLANCES = (
     "glance_angles_rad",
     "glance_ranges_m",
 )
+_MOST_BYTES = 250_000_000
+"""Chosen: of a drive of 5437 scans it is 20 MB; the arrays and the map made of them are as much each."""
 _Arrays = dict[str, np.ndarray]
 _DAMAGES = (
     *(zipfile.BadZipFile, zlib.error, EOFError),
     *(KeyError, ValueError, TypeError, NotImplementedError, RuntimeError, OverflowError),
+    MemoryError,
 )
 """What zipfile and NumPy raise on files that are cut, changed, locked by a password or something else."""
 
@@ -65,9 +68,12 @@ def read_slam_map(path: str | Path) -> SlamMap:
     or of a later version; OSError when it cannot be opened.
     """
     path = Path(path)
-    content = path.read_bytes()
+    content = read_at_most(path, _MOST_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            # no member gives more than it says
+            if sum(member.file_size for member in archive.infolist()) > _MOST_BYTES:
+                raise ValueError(f"more than the {_MOST_BYTES / 1e6:g} MB that are read of one")
             arrays = {
                 name.removesuffix(".npy"): np.lib.format.read_array(
                     io.BytesIO(archive.read(name)), allow_pickle=False

@@ -1,8 +1,10 @@
 """Maps of strangers: nothing of them is executed, nothing elsewhere read, no memory filled."""
 
+import io
 import os
 import struct
 import tracemalloc
+import zipfile
 import zlib
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from PIL import Image
 from slam.map_files import read_map, write_map
 from slam.occupancy_grid import OccupancyGrid
 from slam.se2 import SE2
+from slam.slam_map_files import read_slam_map
 
 YAML = """\
 image: {image}
@@ -160,3 +163,26 @@ def test_no_file_is_left_where_the_map_was_read(tmp_path):
     before = sorted(os.listdir(Path.cwd()))
     refusal(written(tmp_path, b"P5 9 9 255\n"))
     assert sorted(os.listdir(Path.cwd())) == before
+
+
+def kitasap_map(path: Path, shape: tuple[int, ...], content_bytes: int) -> Path:
+    """A file that says it is a map, whose only array has this shape, and so many bytes."""
+    header = io.BytesIO()
+    described = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(header, described)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        archive.writestr("points.npy", header.getvalue() + bytes(content_bytes))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("shape", "content_bytes", "said"),
+    [
+        ((10**15,), 8, "cut, damaged or something else"),
+        ((40_000_000,), 320_000_000, "more than the 250 MB that are read of one"),
+    ],
+)
+def test_maps_of_ours_that_claim_too_much_are_refused(tmp_path, shape, content_bytes, said):
+    path = kitasap_map(tmp_path / "map.kitasap", shape, content_bytes)
+    with pytest.raises(ValueError, match=rf"^map\.kitasap: .*{said}"):
+        read_slam_map(path)
