@@ -31,6 +31,8 @@ USUAL_LASER = LaserModel(RangeNoise(((0.0, 0.02),)), 0.0, 12.0)
 """What is assumed of a laser of which nothing is told. chosen: at 12 m the beams of a SICK (1 degree)
 are 20 cm apart, as far as a related point may be from either of two neighbours; a SICK's noise of
 1 cm with what a scan's own way while it turns adds."""
+_MOST_WALL_CELLS = 250_000
+"""Chosen: of the Intel Research Lab at 5 cm there are 10 000."""
 _SPACING_M = 0.05
 """Of the points on walls that ICP is given."""
 _BESIDE_FREE_M = 0.1
@@ -75,8 +77,14 @@ class KnownMap:
             raise ValueError(
                 "no cell of the map is occupied: nothing to localise by (occupied_thresh?)"
             )
-        if len(grid.points()) == 0:
+        wall_cells = len(grid.points())
+        if wall_cells == 0:
             raise ValueError("no occupied cell of the map is beside a free one: no wall is seen")
+        if wall_cells > _MOST_WALL_CELLS:
+            raise ValueError(
+                f"{wall_cells} cells of the map are walls beside free ones, more than"
+                f" {_MOST_WALL_CELLS}: noise, or a map to take a part of"
+            )
         walls = grid.walls()
         try:
             # before the walls are cut into points, which of a map too large fill the memory

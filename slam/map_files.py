@@ -41,8 +41,8 @@ _TRUE, _FALSE = ("true", "yes", "on", "y"), ("false", "no", "off", "n")
 
 _READ_FORMATS = ("PPM", "PNG", "BMP", "GIF", "JPEG", "TIFF")
 """Of what Pillow knows: some of its formats start other programs."""
-_MOST_CELLS = 36_000_000
-"""Chosen: 300 x 300 m at 5 cm. Localising on such a map takes a gigabyte."""
+_MOST_CELLS = 16_000_000
+"""Chosen: 200 x 200 m at 5 cm."""
 _MOST_IMAGE_BYTES = 8 * _MOST_CELLS
 _PIXELS_AT_ONCE = 1 << 20
 _TOO_LARGE = (
@@ -73,7 +73,7 @@ def read_map(path: str | Path) -> OccupancyGrid:
     scale: between the thresholds 0 to 100 in proportion; -1 where the pixel is not opaque.
     raw: the pixel's value from 0 to 255 itself up to 100, else -1.
     Raises ValueError, one line that names the file, for what is not such a map, is cut or has more
-    than 36 million cells; OSError when one of the files cannot be opened.
+    than 16 million cells; OSError when one of the files cannot be opened.
     """
     path = Path(path)
     header = _read_header(path)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from slam.known_map import KnownMap
 from slam.map_files import read_map, write_map
 from slam.occupancy_grid import OccupancyGrid
 from slam.se2 import SE2
@@ -120,7 +121,7 @@ def test_images_of_too_many_cells_are_refused_before_they_are_decoded(tmp_path):
     assert (tmp_path / "map.png").stat().st_size < 100_000
     path = written(tmp_path, image="map.png")
     tracemalloc.start()
-    assert refusal(path).startswith("map.png: 8000 x 8000 cells; a map may have 36 million")
+    assert refusal(path).startswith("map.png: 8000 x 8000 cells; a map may have 16 million")
     (tmp_path / "map.png").write_bytes(
         png_bomb(60_000, 2)[:16] + struct.pack(">II", 60_000, 60_000)
     )
@@ -186,3 +187,12 @@ def test_maps_of_ours_that_claim_too_much_are_refused(tmp_path, shape, content_b
     path = kitasap_map(tmp_path / "map.kitasap", shape, content_bytes)
     with pytest.raises(ValueError, match=rf"^map\.kitasap: .*{said}"):
         read_slam_map(path)
+
+
+def test_a_map_of_noise_is_not_localised_on(monkeypatch):
+    cells = np.where(np.random.default_rng(0).random((60, 60)) < 0.3, 100, 0).astype(np.int8)
+    monkeypatch.setattr("slam.known_map._MOST_WALL_CELLS", 500)
+    with pytest.raises(
+        ValueError, match=r"^\d+ cells of the map are walls .* more than 500: noise"
+    ):
+        KnownMap.of_grid(OccupancyGrid(cells, 0.05, SE2.identity()))
