@@ -1,6 +1,6 @@
 """Who watches a trial: told of every scan, the truth at it, and what the methods made of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,3 +23,25 @@ class TrialObserver:
 
 
 NOBODY = TrialObserver()
+
+
+class Observers(TrialObserver):
+    """Several, each of them told all."""
+
+    def __init__(self, observers: Sequence[TrialObserver]) -> None:
+        self._observers = observers
+
+    def begins(self, simulation: Simulation, T_map_base: SE2) -> None:
+        """Tells them."""
+        for observer in self._observers:
+            observer.begins(simulation, T_map_base)
+
+    def frame(self, frame: SensorFrame, true_pose: np.ndarray) -> None:
+        """Tells them."""
+        for observer in self._observers:
+            observer.frame(frame, true_pose)
+
+    def estimates(self, outcomes: Mapping[str, Outcome]) -> None:
+        """Tells them."""
+        for observer in self._observers:
+            observer.estimates(outcomes)

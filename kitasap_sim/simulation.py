@@ -1,7 +1,7 @@
 """The robot in its place: commands in, what its sensors say out, and the truth apart from both."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,6 +96,7 @@ class Simulation:
         if people:
             self._people = People(self.world, self.model, people, rng.spawn(1)[0])
         self._steps_per_tick = max(1, round(TICK_S / self.timestep_s))
+        self._watcher: Callable[[Simulation], None] | None = None
         self._rest = self._settled()
         self.reset()
 
@@ -144,6 +145,11 @@ class Simulation:
     def advance(self, steps: int) -> None:
         """So many physics steps, without frames: who wants the beams asks for `fan_ranges_m`."""
         self._advance(steps)
+
+    def watch(self, watcher: "Callable[[Simulation], None] | None") -> None:
+        """Whom to tell after each stretch of steps, 0.1 s at most, that comes with frames; None:
+        nobody. Whoever watches must not change anything."""
+        self._watcher = watcher
 
     def pose(self) -> np.ndarray:
         """(3,) the true x, y [m] and heading [rad] now: the pose of `truth`, with less work."""
@@ -283,7 +289,10 @@ class Simulation:
         is_last_of_sweep = self.time_s > self._sweep_end_s - 1e-9
         before = self._beams_now() if is_last_of_sweep else None
         self._advance(1)
-        return None if before is None else self._frame(before)
+        frame = None if before is None else self._frame(before)
+        if self._watcher is not None:
+            self._watcher(self)
+        return frame
 
     def _advance(self, count: int) -> None:
         """Physics steps; people move at fixed times, however the steps are asked for."""

@@ -50,6 +50,7 @@ ONLY_IN = {
     "experiments/map_quality.py": {"scipy"},
     "experiments/map_worlds.py": {"scipy"},
     "experiments/train.py": {"torch", "stable_baselines3"},
+    "experiments/film_drawing.py": {"PIL"},
     "experiments/video.py": {"PIL", "imageio_ffmpeg"},
     "experiments/figures/recorded_log.py": {"matplotlib"},
     "experiments/bench/registration_peers.py": {"scipy", "small_gicp", "kiss_icp"},

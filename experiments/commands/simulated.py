@@ -31,6 +31,7 @@ from experiments.commands.options import (
 from experiments.outputs import checked_bag, checked_file, checked_folder
 
 if TYPE_CHECKING:
+    from experiments.film import TrialFilm
     from experiments.runs import Run
     from experiments.trial_bag import TrialRecorder
     from experiments.trials import TrialConfig
@@ -94,10 +95,17 @@ def trial(
     mcap: Annotated[
         bool, typer.Option("--mcap", help="Write it as a ROS 2 bag, too; /pose_est: last method.")
     ] = False,
+    video: Annotated[
+        bool, typer.Option("--video", help="Film it, too: trial_<index>.mp4; of the last method.")
+    ] = False,
+    video_file: Annotated[
+        Path | None, typer.Option(help="The same into a file: an .mp4, or a .gif under 3 MB.")
+    ] = None,
 ) -> None:
     """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
     from experiments.figures import trial_picture
-    from experiments.observer import NOBODY
+    from experiments.observer import Observers
+    from experiments.progress import ScanProgress
     from experiments.runs import experiment_module, trial_result
     from experiments.trials import config_hash
 
@@ -107,13 +115,22 @@ def trial(
     folder = checked_folder(out / experiment)
     bag = checked_bag(folder / f"trial_{index}") if mcap else None
     recorder = None if bag is None else _recorder(config)
+    if video or video_file is not None:
+        video_file = _checked_film(video_file or folder / f"trial_{index}.mp4")
+    film = None if video_file is None else _film(config)
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
-    result = trial_result(experiment, config, seed, index, recorder or NOBODY)
+    watching = [one for one in (recorder, film) if one is not None]
+    result = trial_result(experiment, config, seed, index, Observers(watching))
     print(json.dumps(key | {"index": index} | result.record()))
     folder.mkdir(parents=True, exist_ok=True)
     if bag is not None and recorder is not None:
         recorder.write(bag, config, result)
         print(f"bag: {bag}", file=sys.stderr)
+    if video_file is not None and film is not None:
+        with ScanProgress("film") as progress:
+            title = f"{experiment} {index} in {Path(config.place).stem}, {config.methods[-1]}"
+            film.write(video_file, config, result, title, progress.update)
+        print(f"video: {video_file}", file=sys.stderr)
     print(f"picture: {trial_picture(folder, config, result, index)}", file=sys.stderr)
 
 
@@ -122,6 +139,25 @@ def _recorder(config: "TrialConfig") -> "TrialRecorder":
     from experiments.trial_bag import TrialRecorder
 
     return TrialRecorder(config.methods[-1])
+
+
+def _checked_film(path: Path) -> Path:
+    """The file of a film, if one can be drawn and written there, and nothing is there yet."""
+    from experiments.video import checked_video
+    from kitasap_sim.rendering import check_rendering
+
+    checked_file(checked_video(path, "--video-file"))
+    if path.exists():
+        raise ValueError(f"{path} is there already, and is not written over: move it away")
+    check_rendering()
+    return path
+
+
+def _film(config: "TrialConfig") -> "TrialFilm":
+    """Of the method that was named last."""
+    from experiments.film import TrialFilm
+
+    return TrialFilm(config.methods[-1])
 
 
 def picture(
