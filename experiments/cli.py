@@ -14,6 +14,7 @@ from experiments.commands import (
     reports,
     simulated,
     trajectories,
+    view,
     world,
 )
 
@@ -34,6 +35,7 @@ app = typer.Typer(
 app.command()(simulated.run)
 app.command()(simulated.trial)
 app.command()(simulated.picture)
+app.command()(view.view)
 app.command()(simulated.calibrate)
 app.command()(drive.drive)
 app.command()(drive.train)

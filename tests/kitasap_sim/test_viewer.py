@@ -1,0 +1,115 @@
+"""The viewer in the browser: whom it serves, that it keeps time, and how it ends. Needs no display.
+
+Each in a process of its own: Studio keeps its windows' state in globals, and leaves connections to
+the interpreter to close.
+"""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from kitasap_sim import viewer
+
+PRELUDE = """
+import socket, sys, time, urllib.request
+from pathlib import Path
+import numpy as np
+from kitasap_sim import Simulation, viewer
+from kitasap_sim.viewer import LOOPBACK, Overlay, ViewerClosedError, shown
+
+LISTENS = "0A"
+
+def listening():
+    own = {path.readlink().name for path in Path("/proc/self/fd").iterdir() if path.is_symlink()}
+    found = set()
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in Path(table).read_text().splitlines()[1:]:
+            parts = line.split()
+            if parts[3] == LISTENS and f"socket:[{parts[9]}]" in own:
+                address, port = parts[1].split(":")
+                found.add((address, int(port, 16)))
+    return found
+
+def free_port():
+    with socket.socket() as one:
+        one.bind((LOOPBACK, 0))
+        return one.getsockname()[1]
+
+simulation = Simulation(sys.argv[1], odometry="ideal", rng=np.random.default_rng(0))
+"""
+
+SERVES = """
+# what listens everywhere would be seen
+with socket.create_server(("", 0)) as everywhere:
+    assert ("00000000", everywhere.getsockname()[1]) in listening()
+port = free_port()
+with shown(simulation, in_browser=True, port=port) as view:
+    for _ in range(100):
+        try:
+            with urllib.request.urlopen(f"http://{LOOPBACK}:{port}/", timeout=1) as answer:
+                assert answer.status == 200
+            break
+        except OSError:
+            time.sleep(0.05)
+    opened = listening()
+    assert port in {one for _, one in opened}, opened
+    assert {address for address, _ in opened} == {"0100007F"}, opened  # 127.0.0.1
+    view.show(Overlay(words=("here",)))
+    started_s = time.monotonic()
+    simulation.run(0.4)
+    assert 0.3 < time.monotonic() - started_s < 2.0  # real time
+started_s = time.monotonic()
+simulation.run(2.0)
+assert time.monotonic() - started_s < 2.0  # nobody watches any more
+assert not listening()
+print("done")
+"""
+
+STOPPED = """
+viewer._LoopbackViewer._host = "0.0.0.0"
+try:
+    with shown(simulation, in_browser=True, port=free_port()):
+        simulation.run(30.0)
+except RuntimeError as error:
+    print(error)
+assert not listening()
+"""
+
+CLOSED = """
+with shown(simulation, in_browser=True, port=free_port()) as view:
+    view._handle.close()
+    try:
+        simulation.run(5.0)
+    except ViewerClosedError:
+        print("done")
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [(SERVES, "done"), (STOPPED, "to the whole network: it was stopped"), (CLOSED, "done")],
+    ids=["serves this machine alone", "stops when it would serve all", "ends when closed"],
+)
+def test_the_page_is_served_on_the_loopback_interface_alone(code, said, box_room):
+    done = subprocess.run(
+        [sys.executable, "-c", PRELUDE + code, str(box_room.path)],
+        capture_output=True, text=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip().endswith(said)
+
+
+@pytest.mark.parametrize(
+    ("variables", "there_is"),
+    [({}, False), ({"DISPLAY": ":0"}, True), ({"WAYLAND_DISPLAY": "wayland-0"}, True)],
+)
+def test_a_display_is_told_by_the_environment(variables, there_is, monkeypatch):
+    monkeypatch.setattr(viewer.sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    assert viewer.has_display() is there_is
