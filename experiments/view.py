@@ -9,9 +9,10 @@ from experiments.methods import METHODS, KnownPlace
 from experiments.sources import MeasurementSource
 from kitasap_sim.hand import kidnap
 from kitasap_sim.laser import laser
+from kitasap_sim.overlay import Overlay, Wanted
 from kitasap_sim.places import Place
 from kitasap_sim.simulation import SensorFrame, Simulation
-from kitasap_sim.viewer import Overlay, Viewer, ViewerClosedError, Wanted, has_display, shown
+from kitasap_sim.viewer import Viewer, ViewerClosedError, has_display, shown
 from slam.localization import Estimate
 from slam.se2 import SE2
 from slam.verdict import Status

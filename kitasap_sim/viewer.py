@@ -1,4 +1,4 @@
-"""A simulation watched and driven by hand, in MuJoCo Studio: in a window, or in a browser.
+"""A simulation watched and driven by hand, by MuJoCo's viewers: in a window, or in a browser.
 
 The browser's server asks nobody for a password, so it listens on the loopback interface alone.
 """
@@ -8,19 +8,21 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
 import numpy as np
-from mujoco.studio import launch_native, launch_thread, messages, plugin, ux, web_viewer
+from mujoco.studio import launch_thread, messages, plugin, web_viewer
 from mujoco.studio.dear_imgui import dear_imgui as imgui
 from mujoco.studio.viewer_protocol import ViewerConfig, run_viewer_loop
 
-from kitasap_sim.rendering import Mark, decorate
+from kitasap_sim.overlay import Overlay, Wanted
+from kitasap_sim.rendering import decorate
 from kitasap_sim.simulation import Simulation
+from kitasap_sim.window import Window
 
 LOOPBACK = "127.0.0.1"
 _SPEED_MPS, _TURN_RADPS = 0.3, 0.8
@@ -31,24 +33,6 @@ _KEYS = "arrow keys: drive    K: kidnap    mouse: look around"
 
 class ViewerClosedError(Exception):
     """The window was closed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Overlay(messages.Snapshot):
-    """What is drawn over the scene: marks on the floor, beams (N,) [m], words in the corner."""
-
-    marks: Sequence[Mark] = ()
-    beams_m: np.ndarray | None = None
-    words: Sequence[str] = ()
-
-
-@dataclass(frozen=True)
-class Wanted(messages.Snapshot):
-    """What the keys ask for: speeds, and how many kidnaps so far."""
-
-    speed_mps: float = 0.0
-    turn_radps: float = 0.0
-    kidnaps: int = 0
 
 
 class Panel(plugin.ViewerPlugin):
@@ -87,9 +71,6 @@ class Panel(plugin.ViewerPlugin):
             decorate(scene, self._simulation, viewer.data, overlay.beams_m, overlay.marks)
             viewer.extra_geoms.extend(scene.geoms[: scene.ngeom])
         self._read_keys()
-        # a browser moves its camera itself
-        if viewer.client_camera is None and not imgui.GetIO().WantCaptureMouse:
-            ux.move_camera_with_mouse(viewer.model, viewer.camera, fly_camera=False)
 
     @messages.handler
     def on_build_gui(self, _: messages.BuildGuiEvent) -> None:
@@ -161,14 +142,15 @@ class Viewer:
 
     simulation: Simulation
     _handle: Any
-    _receiver: _Receiver
+    _keys: Any
     _due_s: float = field(default_factory=time.monotonic)
     _shown_s: float = 0.0
 
     @property
     def wanted(self) -> Wanted:
         """What the keys ask for."""
-        return self._receiver.wanted
+        wanted: Wanted = self._keys.wanted
+        return wanted
 
     def show(self, overlay: Overlay) -> None:
         """Draws it from now on."""
@@ -195,7 +177,7 @@ def has_display() -> bool:
     """Whether there is a screen for a window."""
     if sys.platform == "linux":
         return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-    # on macOS a window belongs to the main thread, and Studio's has another
+    # on macOS MuJoCo's window needs another interpreter, mjpython
     return sys.platform == "win32"
 
 
@@ -203,19 +185,26 @@ def has_display() -> bool:
 def shown(simulation: Simulation, *, in_browser: bool, port: int = 0) -> Iterator[Viewer]:
     """The simulation in a window, or served to browsers on this machine; port: 0 is the first free
     one from 8080. Raises RuntimeError if the port is taken, or no window can be opened."""
-    config = ViewerConfig(title="Kitasap", gfx="web" if in_browser else "", http_port=port)
+    if not in_browser:
+        window = Window(simulation)
+        with closing(window), _watched(Viewer(simulation, window, window)) as viewer:
+            yield viewer
+        return
+    config = ViewerConfig(title="Kitasap", gfx="web", http_port=port)
     panel, receiver = Panel(simulation), _Receiver()
-    if in_browser:
-        handle = launch_thread.launch_thread(
-            lambda endpoint: _serve(config, endpoint, panel), sim_plugins=[receiver]
-        )
-    else:
-        handle = launch_native.launch(config, plugins=[panel, receiver])
+    handle = launch_thread.launch_thread(
+        lambda endpoint: _serve(config, endpoint, panel), sim_plugins=[receiver]
+    )
     with handle:
         handle.set_model(simulation.model, data=simulation.data)
-        viewer = Viewer(simulation, handle, receiver)
-        simulation.watch(viewer.keep_up)
-        try:
+        with _watched(Viewer(simulation, handle, receiver)) as viewer:
             yield viewer
-        finally:
-            simulation.watch(None)
+
+
+@contextmanager
+def _watched(viewer: Viewer) -> Iterator[Viewer]:
+    viewer.simulation.watch(viewer.keep_up)
+    try:
+        yield viewer
+    finally:
+        viewer.simulation.watch(None)

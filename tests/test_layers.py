@@ -22,6 +22,7 @@ MAY_IMPORT = {
 }
 ONLY_IN = {
     "kitasap_sim/compiled.py": {"numba"},
+    "kitasap_sim/window.py": {"glfw"},
     "slam/map_files.py": {"PIL", "yaml"},
     "slam/readers/bag_files.py": {
         *("rosbags", "apsw", "lz4", "backports", "compression", "yaml"),

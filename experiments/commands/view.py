@@ -23,9 +23,10 @@ def view(
 ) -> None:
     """Drives the robot by hand while it finds itself, in MuJoCo's own viewer.
 
-    In a window of MuJoCo Studio; without a display in the browser, at an address that this machine
-    alone can open (from afar: ssh -L 8080:localhost:8080). Arrow keys drive, K kidnaps; drawn are
-    beams, scan and pose estimated (flag), with the verdict. Ctrl-C ends it.
+    In a window; without a display, and on macOS, in the browser, at an address that this machine
+    alone can open (from afar: ssh -L 8080:localhost:8080). Arrow keys drive: in the browser as long
+    as they are held, in the window each press adds some speed, and Enter stops. K kidnaps. Drawn
+    are beams, scan and pose estimated (flag), with the verdict. Ctrl-C ends it.
     """
     from experiments.view import ViewConfig
     from experiments.view import view as show

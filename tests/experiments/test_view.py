@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from experiments.view import Drive, ViewConfig
-from kitasap_sim.viewer import LOOPBACK, Wanted
+from kitasap_sim.overlay import Wanted
+from kitasap_sim.viewer import LOOPBACK
 from tests.experiments.refusals import refusal
 
 

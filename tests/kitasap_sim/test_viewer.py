@@ -7,17 +7,23 @@ the interpreter to close.
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 
+import glfw
+import mujoco.viewer
+import numpy as np
 import pytest
 
-from kitasap_sim import viewer
+from kitasap_sim import viewer, window
+from kitasap_sim.overlay import Overlay, Wanted
 
 PRELUDE = """
 import socket, sys, time, urllib.request
 from pathlib import Path
 import numpy as np
 from kitasap_sim import Simulation, viewer
-from kitasap_sim.viewer import LOOPBACK, Overlay, ViewerClosedError, shown
+from kitasap_sim.overlay import Overlay
+from kitasap_sim.viewer import LOOPBACK, ViewerClosedError, shown
 
 LISTENS = "0A"
 
@@ -113,3 +119,66 @@ def test_a_display_is_told_by_the_environment(variables, there_is, monkeypatch):
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert viewer.has_display() is there_is
+
+
+class FakeHandle:
+    """What MuJoCo gives to whoever opens its window; a real one needs a display."""
+
+    def __init__(self, model, data, key_callback, **_):
+        self.opt, self.user_scn = mujoco.MjvOption(), mujoco.MjvScene(model, 1000)
+        self.press, self.texts, self.is_open, self.synced = key_callback, [], True, 0
+
+    def lock(self):
+        return nullcontext()
+
+    def is_running(self):
+        return self.is_open
+
+    def set_texts(self, texts):
+        self.texts = texts
+
+    def sync(self):
+        self.synced += 1
+
+    def close(self):
+        self.is_open = False
+
+
+def test_the_window_draws_the_overlay_and_its_keys_drive(box_room, make, monkeypatch):
+    opened = []
+
+    def launched(*arguments, **keywords):
+        opened.append(FakeHandle(*arguments, **keywords))
+        return opened[-1]
+
+    monkeypatch.setattr(window, "_check_display", lambda: None)
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", launched)
+    simulation = make(box_room)
+    with viewer.shown(simulation, in_browser=False) as view:
+        (handle,) = opened
+        flag = np.array([1.0, 1.0, 0.5]), (0.0, 0.0, 1.0)
+        view.show(Overlay([flag], None, ["The robot says: TRACKING"]))
+        simulation.run(0.1)
+        assert handle.synced > 0
+        assert handle.user_scn.ngeom == 3  # disc, pole and arrow
+        assert "The robot says: TRACKING" in handle.texts[0][2]
+        for key in (glfw.KEY_UP, glfw.KEY_UP, glfw.KEY_LEFT, glfw.KEY_K):
+            handle.press(key)
+        assert view.wanted == Wanted(0.2, 0.2, 1)
+        for _ in range(9):
+            handle.press(glfw.KEY_DOWN)
+        assert view.wanted.speed_mps == -0.3
+        handle.press(glfw.KEY_ENTER)
+        assert view.wanted == Wanted(0.0, 0.0, 1)
+        handle.is_open = False
+        with pytest.raises(viewer.ViewerClosedError):
+            simulation.run(1.0)
+
+
+def test_a_display_that_cannot_be_opened_is_refused_not_waited_for(box_room, make, monkeypatch):
+    monkeypatch.setattr(window.glfw, "init", lambda: False)
+    with (
+        pytest.raises(RuntimeError, match=r"no window can be opened .* add --browser"),
+        viewer.shown(make(box_room), in_browser=False),
+    ):
+        pass
