@@ -17,6 +17,7 @@ from experiments.commands import (
     view,
     world,
 )
+from experiments.commands.options import viewer_told
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -60,7 +61,8 @@ def main(arguments: list[str] | None = None) -> int:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
     try:
-        status = app(arguments, prog_name="kitasap", standalone_mode=False)
+        typed = viewer_told(sys.argv[1:] if arguments is None else arguments)
+        status = app(typed, prog_name="kitasap", standalone_mode=False)
     except _WrongUsage as error:
         # looked up by name above, so the type checker cannot know the method
         return _refused(error.format_message())  # type: ignore[attr-defined]

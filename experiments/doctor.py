@@ -25,6 +25,7 @@ _PROJECT = Path(__file__).parents[1]
 _MODULES = {
     "pillow": "PIL",
     "pyyaml": "yaml",
+    "rerun-sdk": "rerun",
     "open3d-cpu": "open3d",
     "stable-baselines3": "stable_baselines3",
     "scipy-stubs": "",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from experiments.known_maps import LogConfig, map_of_file
+from experiments.observer import NO_ONE, LogObserver
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.known_map import KnownMap
@@ -94,6 +95,7 @@ def run(
     config: LogConfig | None = None,
     on_scan: Callable[[int, int, Estimate], None] | None = None,
     choice: LogChoice | None = None,
+    observer: LogObserver = NO_ONE,
 ) -> LocalizedLog:
     """Every scan of a recorded log on a ROS map, from a start or from nowhere.
 
@@ -104,7 +106,7 @@ def run(
     config = config or LogConfig()
     known = map_of_file(map_path, config.laser)
     log = read_log(log_path, choice)
-    estimates, last = localized(known, log, start, config, on_scan)
+    estimates, last = localized(known, log, start, config, on_scan, observer)
     return LocalizedLog(
         log.name, map_path.name, config, known, tuple(estimates), last, start, log.notes
     )
@@ -116,10 +118,12 @@ def localized(
     start: SE2 | None,
     config: LogConfig,
     on_scan: Callable[[int, int, Estimate], None] | None = None,
+    observer: LogObserver = NO_ONE,
 ) -> tuple[list[Estimate], np.ndarray]:
     """The estimate of each scan, and the points of the last one tracked (N, 2), map frame."""
     localizer = known.localizer(config.method, start, log.T_base_laser)
     assert localizer.guard is not None
+    observer.begins(log, known)
     estimates: list[Estimate] = []
     last = np.empty((0, 2))
     for index, measurement in enumerate(log.measurements()):
@@ -132,6 +136,7 @@ def localized(
             # of one place among several, it would tell how well the scan fits there
             estimate = replace(estimate, covariance=None)
         estimates.append(estimate)
+        observer.localized(cut, estimate)
         if estimates[-1].verdict.status is Status.TRACKING:
             last = estimates[-1].T_map_base @ Beams.of(cut.scan, log.T_base_laser).points
         if on_scan is not None:

@@ -142,6 +142,8 @@ class MappingResult:
 class AnyMapper(Protocol):
     """What all methods have in common."""
 
+    T_map_base: SE2
+
     def update(self, measurement: Measurement) -> object:
         """Places one scan."""
 
@@ -169,6 +171,7 @@ def run_trial(
             started_s = time.process_time()
             mapper.update(measurement)
             cpu_s[name] += time.process_time() - started_s
+        observer.placed({name: mapper.T_map_base for name, mapper in mappers.items()})
     poses = np.array(true_poses)
     truth = true_map(config)
     is_seen = truth.seen_from(np.array(times_s), poses)

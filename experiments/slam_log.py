@@ -17,6 +17,7 @@ import numpy as np
 
 from experiments.evaluation import Evaluation, evaluated, span
 from experiments.memory import resident_mb
+from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, wheels_summary
 from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
@@ -122,6 +123,7 @@ def run(
     map_path: Path | None = None,
     start: SE2 | None = None,
     choice: LogChoice | None = None,
+    observer: LogObserver = NO_ONE,
 ) -> SlamLog:
     """Maps a log, with one set of parameters for all; as one more session of a map, if one is given.
 
@@ -135,7 +137,7 @@ def run(
     known = None if map_path is None else read_slam_map(map_path)
     if known is not None and start is not None:
         _check_start(known, start)
-    mapped = partial(_mapped, known=known, start=start, on_scan=on_scan)
+    mapped = partial(_mapped, known=known, start=start, on_scan=on_scan, observer=observer)
     log = read_log(log_path, choice)
     log.check_sees()
     if against is not None:
@@ -205,6 +207,7 @@ def _mapped(
     known: SlamMap | None,
     start: SE2 | None,
     on_scan: OnScan | None,
+    observer: LogObserver,
 ) -> SlamLog:
     """One pass over a log."""
     mapper = (
@@ -216,7 +219,7 @@ def _mapped(
     warm_up()
     warm_up_s = time.thread_time() - started_s
     with _left_alone():
-        return replace(_driven(log, mapper, known, on_scan), warm_up_cpu_s=warm_up_s)
+        return replace(_driven(log, mapper, known, on_scan, observer), warm_up_cpu_s=warm_up_s)
 
 
 @contextmanager
@@ -230,9 +233,16 @@ def _left_alone() -> Iterator[None]:
         gc.unfreeze()
 
 
-def _driven(log: Log, mapper: Mapper, known: SlamMap | None, on_scan: OnScan | None) -> SlamLog:
+def _driven(
+    log: Log,
+    mapper: Mapper,
+    known: SlamMap | None,
+    on_scan: OnScan | None,
+    observer: LogObserver,
+) -> SlamLog:
     """The log through the mapper, record by record; its warm-up is not known here."""
-    joined_at, index, slowest_s = None, 0, 0.0
+    observer.begins(log)
+    joined_at, index, slowest_s, watched_s = None, 0, 0.0, 0.0
     started_s, before_mb = time.thread_time(), resident_mb()
     motion = MotionSinceScan(log.noise)
     times_s, odometry, scan_rows = [], [], []
@@ -245,6 +255,9 @@ def _driven(log: Log, mapper: Mapper, known: SlamMap | None, on_scan: OnScan | N
         update_s = time.thread_time()
         step = mapper.update(measurement)
         slowest_s = max(slowest_s, time.thread_time() - update_s)
+        watched_from_s = time.thread_time()
+        observer.mapped(measurement, step, mapper)
+        watched_s += time.thread_time() - watched_from_s
         scan_rows.append(row)
         if not step.is_joined:
             joined_at = None
@@ -253,13 +266,13 @@ def _driven(log: Log, mapper: Mapper, known: SlamMap | None, on_scan: OnScan | N
         if on_scan is not None:
             on_scan(index, log.scan_count, step)
         index += 1
-    online_s = time.thread_time() - started_s
+    online_s = time.thread_time() - started_s - watched_s
     after_mb = resident_mb()
     memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
     objections = _without_scans(np.array(times_s), np.array(odometry), scan_rows)
     slam_map = replace(slam_map, verdict=slam_map.verdict.with_reasons(objections))
-    finish_s = time.thread_time() - started_s - online_s
+    finish_s = time.thread_time() - started_s - online_s - watched_s
     of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(
         log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans

@@ -19,7 +19,7 @@ from slam.measurements import Measurement
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2, wrap_angle
 from slam.session_joining import SessionJoiner, set_aside
-from slam.slam_map import SlamMap, add_loop, add_step, graph_of
+from slam.slam_map import SlamMap, add_loop, add_step, graph_of, points_seen
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
@@ -44,7 +44,7 @@ class MapperStep:
 
 
 class Mapper:
-    """Makes a map of an unknown place from scans and odometry, one scan at a time."""
+    """Makes a map of an unknown place, scan by scan; `T_map_base` is the robot's last pose on it."""
 
     def __init__(self, T_base_laser: SE2, config: MapperConfig | None = None) -> None:
         self.config = config or MapperConfig()
@@ -55,10 +55,9 @@ class Mapper:
         self._loops: list[Loop] = []
         self._loop_edges: list[int] = []
         self._steps: list[FrontEndStep] = []
-        self._has_new = False
-        self._since_loop_m = 0.0
+        self._has_new, self._since_loop_m = False, 0.0
         self._session = self._first = self._first_step = 0
-        self._start = SE2.identity()
+        self._start = self.T_map_base = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
         self._monitor = DriveMonitor(self.config.front_end.most_blind_m)
@@ -101,12 +100,18 @@ class Mapper:
         self._steps.append(replace(step, session=self._session))
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
-        pose = self._start @ step.T_map_base
+        self.T_map_base = self._start @ step.T_map_base
         if step.keyframe >= 0:
-            pose = self._graph.pose(step.keyframe) @ step.T_keyframe_base
+            self.T_map_base = self._graph.pose(step.keyframe) @ step.T_keyframe_base
         return MapperStep(
-            step.time_s, pose, step.status, step.inlier_ratio, len(self._loops), self._is_joined
-        )
+            step.time_s, self.T_map_base, step.status, step.inlier_ratio, len(self._loops),
+            self._is_joined,
+        )  # fmt: skip
+
+    @property
+    def points(self) -> FloatArray:
+        """(N, 2) what the keyframes saw, from where their poses are now [m]: the map so far."""
+        return points_seen(self._keyframes, self._graph.poses)
 
     def finish(self) -> SlamMap:
         """All loops once more from where the poses are now, and all poses adjusted to the end.

@@ -116,6 +116,12 @@ def surfaces_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> Surfaces:
     )
 
 
+def points_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> FloatArray:
+    """(N, 2) where the beams of keyframes at poses (K, 3) ended, each for itself [m]."""
+    seen = [T @ keyframe.points for T, keyframe in _with_scans(keyframes, poses)]
+    return np.concatenate([np.zeros((0, 2)), *seen])
+
+
 def _with_scans(keyframes: Sequence[Keyframe], poses: FloatArray) -> list[tuple[SE2, Keyframe]]:
     """Those of which more than the place is kept."""
     return [

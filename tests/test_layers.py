@@ -48,6 +48,7 @@ ONLY_IN = {
     "experiments/figures/made_maps.py": {"matplotlib"},
     "experiments/figures/slam_map.py": {"matplotlib"},
     "experiments/bag_writer.py": {"rosbags"},
+    "experiments/rerun_stream.py": {"rerun"},
     "experiments/map_quality.py": {"scipy"},
     "experiments/map_worlds.py": {"scipy"},
     "experiments/train.py": {"torch", "stable_baselines3"},

@@ -13,6 +13,7 @@ from experiments.commands.options import (
     LogOut,
     Mount,
     OdomTopic,
+    Rerun,
     ScanTopic,
     Seed,
 )
@@ -106,6 +107,7 @@ def localize(
     scan_topic: ScanTopic = None,
     odom_topic: OdomTopic = None,
     mount: Mount = None,
+    rerun: Rerun = None,
 ) -> None:
     """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure.
 
@@ -114,12 +116,18 @@ def localize(
     from experiments import localize as localizing
     from experiments.figures import localized_log_picture
     from experiments.known_maps import LogConfig
+    from experiments.observer import NO_ONE
     from experiments.progress import ScanProgress
+    from experiments.rerun_stream import shown
+    from experiments.rerun_views import RerunLog
 
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
     checked_beside_runs(out)
-    with ScanProgress(log.name) as progress:
-        result = localizing.run(known_map, log, T_start, LogConfig(method), progress.update, choice)
+    with shown(rerun, log.name) as stream, ScanProgress(log.name) as progress:
+        observer = NO_ONE if stream is None else RerunLog(stream)
+        result = localizing.run(
+            known_map, log, T_start, LogConfig(method), progress.update, choice, observer
+        )
     localizing.write_results(result, out)
     localized_log_picture(out, result)
     summary = result.summary()
@@ -175,11 +183,15 @@ def slam(
     scan_topic: ScanTopic = None,
     odom_topic: OdomTopic = None,
     mount: Mount = None,
+    rerun: Rerun = None,
 ) -> None:
     """Maps a recorded log: trajectory of every record, ROS map, pose graph, picture, verdict."""
     from experiments import evaluation, slam_files, slam_log
     from experiments.figures import slam_map_picture
+    from experiments.observer import NO_ONE
     from experiments.progress import SlamProgress
+    from experiments.rerun_stream import shown
+    from experiments.rerun_views import RerunLog, show_map
 
     if start is not None and known_map is None:
         raise ValueError("--start is a pose on the map that is continued: give --map as well")
@@ -187,13 +199,22 @@ def slam(
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
     checked_beside_runs(out)
-    with SlamProgress(log.name) as progress, slam_files.OnlinePoses(out) as online:
+    with (
+        shown(rerun, log.name) as stream,
+        SlamProgress(log.name) as progress,
+        slam_files.OnlinePoses(out) as online,
+    ):
+        observer = NO_ONE if stream is None else RerunLog(stream)
 
         def on_scan(index: int, scans: int, step: "MapperStep") -> None:
             online.add(index, step)
             progress.update(index, scans, step)
 
-        result = slam_log.run(log, reference, relations, on_scan, known_map, T_start, choice)
+        result = slam_log.run(
+            log, reference, relations, on_scan, known_map, T_start, choice, observer
+        )
+        if stream is not None:
+            show_map(stream, result, reference)
     unwritten = slam_files.write_results(result, out)
     slam_map_picture(out, result)
     summary = result.summary()

@@ -77,9 +77,27 @@ Mount = Annotated[
         help="Of the laser on the robot: x y [m] and heading [rad]; default: as the log has it."
     ),
 ]
+Rerun = Annotated[
+    str | None,
+    typer.Option(
+        metavar="[FILE.rrd]",
+        help="Stream scans, map, poses and verdicts to a Rerun viewer, or into a file (extra rerun).",
+    ),
+]
 LogOut = Annotated[Path, typer.Option(help="Folder of the results.")]
 LogMethod = Annotated[str, typer.Option(help="open3d, fast or limit.")]
 
 RESULTS = Path("results")
 PAPER_TRIALS = 100
 """Section 4.1: "We conducted each experiment 100 times"."""
+
+
+def viewer_told(arguments: list[str]) -> list[str]:
+    """The arguments, with an empty value where --rerun has none: Typer knows no option that may."""
+    told = list(arguments)
+    for at, (word, following) in enumerate(zip(arguments, [*arguments[1:], ""], strict=True)):
+        if word == "--":
+            break
+        if word == "--rerun" and not following.endswith(".rrd"):
+            told[at] = "--rerun="
+    return told

@@ -22,6 +22,7 @@ from experiments.commands.options import (
     Out,
     PlaceName,
     Poses,
+    Rerun,
     Seed,
     TrialPeople,
     TrialPlace,
@@ -101,11 +102,14 @@ def trial(
     video_file: Annotated[
         Path | None, typer.Option(help="The same into a file: an .mp4, or a .gif under 3 MB.")
     ] = None,
+    rerun: Rerun = None,
 ) -> None:
     """Repeats one trial of a run, bit for bit: prints its line of trials.jsonl, draws it."""
     from experiments.figures import trial_picture
     from experiments.observer import Observers
     from experiments.progress import ScanProgress
+    from experiments.rerun_stream import shown
+    from experiments.rerun_views import RerunTrial
     from experiments.runs import experiment_module, trial_result
     from experiments.trials import config_hash
 
@@ -119,8 +123,12 @@ def trial(
         video_file = _checked_film(video_file or folder / f"trial_{index}.mp4")
     film = None if video_file is None else _film(config)
     key = {"experiment": experiment, "config": config_hash(experiment, config, seed)}
-    watching = [one for one in (recorder, film) if one is not None]
-    result = trial_result(experiment, config, seed, index, Observers(watching))
+    with shown(rerun, f"{experiment} {index} of seed {seed}") as stream:
+        live = None if stream is None else RerunTrial(stream, config)
+        watching = [one for one in (recorder, film, live) if one is not None]
+        result = trial_result(experiment, config, seed, index, Observers(*watching))
+        if live is not None:
+            live.finish(result)
     print(json.dumps(key | {"index": index} | result.record()))
     folder.mkdir(parents=True, exist_ok=True)
     if bag is not None and recorder is not None:
