@@ -1,6 +1,6 @@
 """A stream to Rerun: maps, robots, scans and verdicts, live in a viewer or kept in a file.
 
-Everything lies flat in the map's frame, z = 0, seen from above. Colours are those of the figures.
+Everything lies flat in the map's frame, at z = 0.
 """
 
 from __future__ import annotations
@@ -273,7 +273,7 @@ def _part(name: str) -> str:
 
 
 def _blueprint() -> Any:
-    """What a viewer shows first: the map from above, beside it verdicts and numbers."""
+    """What a viewer shows first: the map, beside it verdicts and numbers."""
     import rerun.blueprint as rrb
 
     above = rrb.Spatial3DView(
@@ -285,5 +285,7 @@ def _blueprint() -> Any:
         rrb.TimeSeriesView(origin="/values", name="values"),
     )
     return rrb.Blueprint(
-        rrb.Horizontal(above, beside, column_shares=[3, 2]), rrb.TimePanel(timeline=_TIME)
+        rrb.Horizontal(above, beside, column_shares=[3, 2]),
+        rrb.TimePanel(timeline=_TIME),
+        collapse_panels=True,
     )
