@@ -1,21 +1,36 @@
 """2D lidar localisation and mapping: NumPy in, NumPy out, no simulator, no ROS.
 
+Where to begin:
+
+- `read_log` reads a recorded drive (CARMEN, ROS bag, encoder ticks) as a `Log`, whose
+  `measurements()` are `Measurement`s; your own scans and odometry make them as well.
+- `Mapper` makes a `SlamMap` of them; `write_slam_map` and `read_slam_map` keep it.
+- `Localizer` follows the robot on a map and says how far its `Estimate` is to be believed
+  (`Verdict`). `SlamMap.localizer` makes one; `KnownMap` does of an `OccupancyGrid`, which `read_map`
+  reads from a ROS map.
+- Each method is a `Matcher`: `LimitMatcher` (the most accurate), `FastMatcher`, `Open3dMatcher`,
+  `PaperMatcher`, `LineMatcher`, `OdometryMatcher`; a function of your own is one, too.
+
+Poses are `SE2`: x, y [m], theta [rad], counter-clockwise; `T_a_b` takes coordinates in b to a.
 Open3D is not imported before its first use.
 """
 
 from slam.beam_likelihood import BeamConfig, cramer_rao_bound, fisher_information, match_beams
 from slam.beams import Beams
 from slam.calibration import Calibration, CalibrationConfig, calibrate
+from slam.front_end import StepStatus
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
 from slam.known_map import KnownMap
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
+from slam.loop_closing import Loop
 from slam.lost import Guard, GuardConfig
 from slam.map_consistency import MapVerdict
 from slam.map_files import read_map, write_map
 from slam.mapper_config import MapperConfig
-from slam.mapping import Mapper
+from slam.mapping import Mapper, MapperStep
+from slam.match_verdict import VerdictConfig
 from slam.matchers import (
     FastMatcher,
     LimitMatcher,
@@ -27,23 +42,26 @@ from slam.matchers import (
 )
 from slam.measurements import LaserScan, Measurement
 from slam.occupancy_grid import OccupancyGrid
-from slam.odometry import DifferentialDrive, OdometryNoise
+from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.readers.carmen import read_carmen
+from slam.readers.log import Log, LogChoice
 from slam.readers.recognition import read_log
 from slam.readers.ticks import read_ticks
 from slam.relocalization import Hypothesis, Relocalizer
-from slam.scan_match import MatchStatus, ScanMatch
+from slam.scan_match import IcpStep, MatchStatus, RangeFit, ScanMatch
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.slam_map import SlamMap
 from slam.slam_map_files import read_slam_map, write_slam_map
+from slam.surfaces import Surfaces
 from slam.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum
 from slam.verdict import Status, Verdict
 from slam.warm_up import warm_up
+from slam.wheel_prior import WheelPrior
 
 __all__ = [
     "SE2",
@@ -59,6 +77,7 @@ __all__ = [
     "GuardConfig",
     "Hypothesis",
     "IcpConfig",
+    "IcpStep",
     "KnownMap",
     "LaserModel",
     "LaserScan",
@@ -67,9 +86,13 @@ __all__ = [
     "LineMatcher",
     "Localizer",
     "LocalizerConfig",
+    "Log",
+    "LogChoice",
+    "Loop",
     "MapVerdict",
     "Mapper",
     "MapperConfig",
+    "MapperStep",
     "MatchStatus",
     "Matcher",
     "Measurement",
@@ -79,17 +102,23 @@ __all__ = [
     "Open3dMatcher",
     "PaperMatcher",
     "PointMap",
+    "RangeFit",
     "RangeNoise",
     "Relocalizer",
     "ScanMatch",
     "SegmentMap",
     "SlamMap",
     "Status",
+    "StepStatus",
     "StopRule",
+    "Surfaces",
     "SurfelGrid",
     "SurfelMatchConfig",
     "Trajectory",
     "Verdict",
+    "VerdictConfig",
+    "WheelModel",
+    "WheelPrior",
     "calibrate",
     "cramer_rao_bound",
     "fisher_information",

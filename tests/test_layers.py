@@ -47,6 +47,7 @@ ONLY_IN = {
     "experiments/figures/paper_scatter.py": {"matplotlib"},
     "experiments/figures/made_maps.py": {"matplotlib"},
     "experiments/figures/slam_map.py": {"matplotlib"},
+    "experiments/api_pages.py": {"pdoc"},
     "experiments/bag_writer.py": {"rosbags"},
     "experiments/rerun_stream.py": {"rerun"},
     "experiments/map_quality.py": {"scipy"},
