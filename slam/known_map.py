@@ -68,6 +68,11 @@ class KnownMap:
         return KnownMap(surfaces.points(_SPACING_M), laser, surfaces.walls())
 
     @staticmethod
+    def of_walls(walls: SegmentMap, laser: LaserModel = USUAL_LASER) -> KnownMap:
+        """Of walls as a plan has them, such as `SegmentMap.known` makes."""
+        return KnownMap(walls.sampled(_SPACING_M)[0], laser, walls)
+
+    @staticmethod
     def of_grid(grid: OccupancyGrid, laser: LaserModel = USUAL_LASER) -> KnownMap:
         """Of an occupancy grid, such as `read_map` reads; searched beside its free cells, if any.
 
