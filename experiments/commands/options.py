@@ -95,7 +95,7 @@ PAPER_TRIALS = 100
 def viewer_told(arguments: list[str]) -> list[str]:
     """The arguments, with an empty value where --rerun has none: Typer knows no option that may."""
     told = list(arguments)
-    for at, (word, following) in enumerate(zip(arguments, [*arguments[1:], ""], strict=True)):
+    for at, (word, following) in enumerate(zip(arguments, [*arguments[1:], ""], strict=False)):
         if word == "--":
             break
         if word == "--rerun" and not following.endswith(".rrd"):

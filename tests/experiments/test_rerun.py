@@ -246,6 +246,7 @@ def test_what_fails_leaves_no_half_recording(rerun, tmp_path, capsys):
         (["slam", "--rerun", "a.rrd", "b.clf"], ["slam", "--rerun", "a.rrd", "b.clf"]),
         (["slam", "--rerun=a.rrd"], ["slam", "--rerun=a.rrd"]),
         (["slam", "--", "--rerun"], ["slam", "--", "--rerun"]),
+        ([], []),
     ],
 )
 def test_a_viewer_is_meant_where_no_recording_is_named(typed, told):
