@@ -1,6 +1,6 @@
 """Who watches a trial or a log: told of every scan, and what the methods made of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
