@@ -75,6 +75,7 @@ def test_place_without_anything_in_reach_is_refused(box_room):
         drawn(Place(box_room), blind, 1, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [*PEERS, *OURS], ids=lambda row: row.name)
 def test_every_row_finds_a_shift_without_noise(row, clean):
     if not is_installed(row):

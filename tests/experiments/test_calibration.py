@@ -36,6 +36,7 @@ def test_a_minute_is_true_to_half_a_millimetre_and_to_its_own_covariance():
     assert np.mean([result.nees for result in results]) < 11.0
 
 
+@pytest.mark.slow
 def test_command_prints_a_line_for_each_parameter_and_what_to_do(box_room, capsys):
     assert main(["calibrate", "--place", box_room, "--duration", "40"]) == 0
     printed = capsys.readouterr().out

@@ -123,6 +123,7 @@ def test_log_that_is_not_there_is_named(capsys):
     assert line == "none.clf: No such file or directory"
 
 
+@pytest.mark.slow
 def test_more_jobs_than_trials_are_no_mistake(tmp_path, run_trials):
     assert run_trials(tmp_path, 1, ["--jobs", "99"]) == 0
     assert len((tmp_path / "localization/trials.jsonl").read_text().splitlines()) == 1

@@ -36,6 +36,7 @@ def test_drive_writes_a_line_for_each_episode_and_a_summary(tmp_path, capsys):
     assert printed.splitlines()[-1] == f"results: {tmp_path}"
 
 
+@pytest.mark.slow
 def test_episodes_that_ended_outlast_an_interruption(tmp_path, monkeypatch, capsys):
     assert drive(tmp_path, "--episodes", "1") == 0  # its line and summary are of another drive
     begun = []

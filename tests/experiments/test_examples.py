@@ -30,6 +30,7 @@ def test_own_log_is_followed_on_a_map_that_is_there_already(tmp_path, capsys):
     assert "mapped" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_robot_in_an_own_place_is_carried_away_and_finds_itself(capsys):
     estimate = own_place.main()
     assert estimate.verdict.status is Status.TRACKING

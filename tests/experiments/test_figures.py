@@ -60,6 +60,7 @@ def test_run_leaves_its_figures_and_equal_runs_equal_ones(tmp_path, run_trials):
         assert svg == (second / f"{name}.svg").read_bytes()
 
 
+@pytest.mark.slow
 def test_scatter_counts_what_lies_outside(tmp_path, run_trials):
     assert run_trials(tmp_path, 2) == 0
     folder = tmp_path / "localization"
@@ -75,6 +76,7 @@ def test_scatter_counts_what_lies_outside(tmp_path, run_trials):
     assert "of 2 succeed, 1 off this picture" in (folder / "scatter.svg").read_text()
 
 
+@pytest.mark.slow
 def test_bound_figure_shows_every_method_with_its_numbers(tmp_path, run_trials):
     assert run_trials(tmp_path, 2) == 0
     folder = tmp_path / "localization"
@@ -156,6 +158,7 @@ def test_drives_leave_bound_and_time_and_no_scatter(drives):
     assert {name: (drives / name).read_bytes() for name in first} == first
 
 
+@pytest.mark.slow
 def test_figures_show_only_the_trials_asked_for(drives, drive_config):
     Run("tracking", drive_config, 0, 1, drives).execute(1, lambda index, record: None)
     run_figures(drives)
@@ -163,6 +166,7 @@ def test_figures_show_only_the_trials_asked_for(drives, drive_config):
     assert any("1 drive;" in text for text in comments(drives / "over_time.svg"))
 
 
+@pytest.mark.slow
 def test_drives_without_bound_or_nees_are_drawn(drives):
     lines = (drives / "trials.csv").read_text().splitlines()
     fields = lines[0].split(",")
@@ -190,6 +194,7 @@ def test_drives_without_bound_or_nees_are_drawn(drives):
     assert any(f"blind in {samples} of {samples}" in t for t in comments(drives / "bound.svg"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["localization", "tracking"])
 @pytest.mark.parametrize("failure", ["raises", "misses"])
 def test_run_in_which_everything_failed_is_drawn(
@@ -229,6 +234,7 @@ def test_kidnap_picture_tells_truth_from_belief(tmp_path, quick_config):
         assert f"<!-- {words} -->" in svg
 
 
+@pytest.mark.slow
 def test_kidnap_picture_shows_each_method_what_it_saw_last(tmp_path, quick_config):
     result = run_trial(quick_config, generator("kidnap", 0, 0))
     picture = trial_picture(tmp_path, quick_config, result, 0)
@@ -240,6 +246,7 @@ def test_kidnap_picture_shows_each_method_what_it_saw_last(tmp_path, quick_confi
     assert picture.with_suffix(".svg").read_text() == as_it_was
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("duration_s", "samples"), [(5.0, 2), (1.0, 0)])
 def test_picture_of_a_drive_has_a_panel_for_each_method(
     tmp_path, drive_config, duration_s, samples

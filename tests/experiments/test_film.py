@@ -78,6 +78,7 @@ def test_a_frame_says_what_the_robot_says(drive):
     assert green[Status.TRACKING] > 50 > green[Status.LOST]
 
 
+@pytest.mark.slow
 @needs_egl
 def test_a_trial_prints_the_same_with_a_film_and_the_film_plays(
     box_room, tmp_path, capsys, monkeypatch

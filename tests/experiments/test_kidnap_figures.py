@@ -221,6 +221,7 @@ def test_run_in_which_every_trial_raised_has_none_of_them(written):
     assert [kidnap_map(folder), lost_roc(folder), hypotheses_figure(folder)] == [None] * 3
 
 
+@pytest.mark.slow
 def test_finished_kidnaps_leave_their_figures_and_equal_ones_each_time(written, monkeypatch):
     # it needs a table that has no part in these
     monkeypatch.setattr("experiments.figures.bound_figure", lambda folder: folder / "bound.png")

@@ -88,6 +88,7 @@ def check_tracked_rows(rows: list[Row], poses: np.ndarray, most_m: float, most_r
 # --- the excerpt of a real log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run_of", ["unknown_start", "known_start"])
 def test_files_agree_with_each_other(run_of, request):
     folder = request.getfixturevalue(run_of)
@@ -332,6 +333,7 @@ def test_robot_that_sees_nothing_follows_its_wheels_from_a_start(office, blind_l
     assert spreads == sorted(spreads)
 
 
+@pytest.mark.slow
 def test_picture_of_a_map_that_lies_askew_is_drawn(office, blind_log, tmp_path):
     grid = read_map(office)
     turned = OccupancyGrid(grid.cells, grid.resolution_m, SE2(3.0, -2.0, 0.7))

@@ -113,6 +113,7 @@ def test_round_through_a_place_without_a_track_comes_near_everywhere(box_room):
     assert off_m.max() < 1.6
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn(result, tmp_path):
     assert made_maps_picture(tmp_path, result, 0).stat().st_size > 10_000
     assert worst_maps_picture(tmp_path, [(0, result), (1, result)], "limit").exists()

@@ -58,6 +58,7 @@ def test_files_of_another_protocol_do_not_stay_and_those_of_others_do(tmp_path):
         assert names == {"notes.txt", "summary.json"} | files
 
 
+@pytest.mark.slow
 def test_same_log_gives_the_same_bytes():
     first, second = run(EXCERPT[0], REFERENCE), run(EXCERPT[0], REFERENCE)
     assert first.trajectory().poses.tobytes() == second.trajectory().poses.tobytes()

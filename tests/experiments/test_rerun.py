@@ -86,6 +86,7 @@ def test_a_trial_shows_truth_estimates_scans_and_words_and_its_line_stays_the_sa
     assert error.content == pytest.approx(expected_mm)
 
 
+@pytest.mark.slow
 def test_the_scan_of_a_moving_robot_lies_on_the_walls_as_seen_from_where_it_truly_is(
     rerun, box_room, tmp_path
 ):
@@ -141,9 +142,8 @@ def test_reference_poses_are_shown_where_the_trajectory_fits_them(rerun, tmp_pat
     assert np.hypot(*ends) < 0.1
 
 
-@pytest.mark.parametrize(
-    "start", [["--start", "0", "0", "0.55"], pytest.param([], marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [["--start", "0", "0", "0.55"], []])
 def test_a_localised_log_shows_map_and_words_and_writes_the_same(
     start, rerun, mapped, tmp_path, capsys
 ):

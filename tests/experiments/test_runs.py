@@ -82,6 +82,7 @@ def test_seeds_and_indices_make_different_trials(tmp_path, run_trials):
     assert len(set(poses)) == 4
 
 
+@pytest.mark.slow
 def test_more_trials_do_the_missing_ones_only(tmp_path, run_trials, monkeypatch):
     assert run_trials(tmp_path / "fresh", 4) == 0
     assert run_trials(tmp_path / "grown", 2) == 0

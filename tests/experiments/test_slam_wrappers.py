@@ -68,6 +68,7 @@ def test_wrapped_task_passes_the_checker(name):
         check_env(env, skip_render_check=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRAPPED)
 def test_equal_seeds_give_equal_rollouts(name):
     assert same(rolled(WRAPPED[name](), seed=3), rolled(WRAPPED[name](), seed=3))

@@ -28,6 +28,7 @@ def test_network_that_ships_is_small_and_tells_how_it_was_trained():
     assert told().startswith("python -m experiments.train GoTo --steps")
 
 
+@pytest.mark.slow
 def test_trained_policy_reaches_goals_in_bare_rooms_and_touches_nothing():
     env = gymnasium.make("Kitasap2/GoTo-v0", place="random", difficulty=0.0)
     driver = policy("GoTo", "trained", env)

@@ -90,6 +90,7 @@ def test_what_a_file_asks_for_is_tried_elsewhere(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_zip_bombs_are_refused(tmp_path, capfd):
     with zipfile.ZipFile(tmp_path / "bomb.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("bomb.xml", "<mujoco>" + " " * 400_000_000 + "</mujoco>")

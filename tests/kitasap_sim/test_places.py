@@ -250,6 +250,7 @@ def test_the_scripted_track_is_free_and_closed(name):
     assert all(place.is_way_free(a, b) for a, b in pairwise(place.track_m))
 
 
+@pytest.mark.slow
 def test_the_robot_drives_its_scripted_track_at_twenty_centimetres_a_second(make):
     place = Place("symmetric_room")
     simulation = make(place)

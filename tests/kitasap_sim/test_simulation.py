@@ -103,6 +103,7 @@ def test_a_simulation_without_a_laser_gives_no_frames_and_says_so(open_floor, ma
         simulation.next_frame()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", place_names())
 def test_no_place_gives_a_warning_within_sixty_seconds(name):
     simulation = Simulation(name, None, "rough_floor", rng=np.random.default_rng(0))

@@ -294,6 +294,7 @@ def test_a_log_cut_within_a_keyword_is_refused(tmp_path):
         read_carmen(tmp_path / "cut.clf")
 
 
+@pytest.mark.slow
 def test_a_log_is_read_anew_by_each_pass_and_keeps_no_scan(tmp_path):
     lines = [flaser(RANGES, SE2(0.1 * i, 0.0, 0.0), float(i)) for i in range(800)]
     path = written(tmp_path, *lines)

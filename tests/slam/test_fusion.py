@@ -62,6 +62,7 @@ def way(count: int) -> list[np.ndarray]:
     return [np.array([v, 0.0, w]) * STEP_S for v, w in zip(speeds, turns, strict=True)]
 
 
+@pytest.mark.slow
 def test_covariance_of_dead_reckoning_is_that_of_many_robots():
     rng, start, wheels = np.random.default_rng(0), SE2(1.0, -2.0, 0.7), WheelPrior()
     track = way(20)

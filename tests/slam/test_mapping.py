@@ -335,6 +335,7 @@ def test_content_with_laxer_loops_does_not_acquit_a_map_that_is_open(slam_map):
     assert acquitted(failed, slam_map.keyframes, [], [], config).reasons == ("torn",)
 
 
+@pytest.mark.slow
 def test_rover_by_wheels_that_turn_it_too_little_leaves_its_lap_open():
     # its scans are content once laxer loops are asked: 0 of 517 pairs contradict each other
     log = read_log(shared_log("mines-exp2.dat.gz"))

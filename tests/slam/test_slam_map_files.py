@@ -98,6 +98,7 @@ def test_file_cut_anywhere_or_changed_is_refused_by_name(slam_map, tmp_path):
         read_slam_map(path)
 
 
+@pytest.mark.slow
 def test_file_with_one_byte_changed_is_refused_or_read_as_it_was(slam_map, tmp_path):
     path, rng = tmp_path / "map.kitasap", np.random.default_rng(1)
     write_slam_map(path, slam_map)
