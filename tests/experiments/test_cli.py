@@ -129,6 +129,7 @@ def test_more_jobs_than_trials_are_no_mistake(tmp_path, run_trials):
     assert len((tmp_path / "localization/trials.jsonl").read_text().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_table_and_folder_are_printed(tmp_path, run_trials, capsys):
     assert run_trials(tmp_path, 2) == 0
     printed = capsys.readouterr()

@@ -105,6 +105,7 @@ def test_figures_are_titled_by_what_was_done(tmp_path, run_trials):
         assert "carried to anywhere, any heading" in " ".join(comments(path.with_suffix(".svg")))
 
 
+@pytest.mark.slow
 def test_passes_of_a_search_are_kept_and_drawn(tmp_path, quick_config):
     config = replace(quick_config, methods=("odometry", "paper"))
     Run("localization", config, 0, 3, tmp_path).execute(1, lambda index, record: None)

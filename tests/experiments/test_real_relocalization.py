@@ -34,6 +34,7 @@ def real_log(*options) -> int:
     return main(["real-log", str(LOG), "--reference", str(REFERENCE), *map(str, options)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("protocol", "jumps", "keys"), [("each", (), set()), ("jumps", ("--jumps", 2), JUMP_KEYS)]
 )

@@ -121,6 +121,7 @@ def test_reference_that_is_none_is_refused_before_the_log_is_mapped(tmp_path, ca
     assert "reference.tum" in line
 
 
+@pytest.mark.slow
 def test_robot_finds_itself_on_the_map_it_made(folder, tmp_path):
     arguments = ["localize", str(folder / "map.kitasap"), str(LOG), "--out", str(tmp_path)]
     assert main(arguments) == 0

@@ -26,6 +26,7 @@ def record(config: TrialConfig) -> dict:
     return run_trial(config, generator(NAME, 0, 0)).record()
 
 
+@pytest.mark.slow
 def test_drive_is_the_same_whenever_it_is_repeated(config, record):
     short = replace(config, duration_s=3.0)
     first, again = (run_trial(short, generator(NAME, 1, 2)).record() for _ in range(2))

@@ -72,6 +72,7 @@ def rough_map() -> SegmentMap:
     return surfel_map(points + shifts[of_point.ravel()] + rng.normal(0.0, 0.005, points.shape))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fast", "limit"])
 def test_robot_that_stands_on_a_rough_map_knows_how_sure_it_is(name, rough_map):
     fast = FastMatcher(SurfelGrid.of(rough_map), SHARP)

@@ -119,6 +119,7 @@ def blinded(measurements, first: int, last: int):
     ]
 
 
+@pytest.mark.slow
 def test_scans_after_a_long_way_by_the_wheels_alone_are_matched_with_none_before(poses):
     # 9 m: what fits then may be a place that looks the same
     found = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), 100, 160))
@@ -299,6 +300,7 @@ def test_loop_farther_off_than_was_searched_is_another_place(slam_map):
     assert closer.verified(slam_map.keyframes, off, *pair, (0.0, 0.0)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("every", "least_loops"), [(50, 20), (60, 0)])
 def test_map_that_does_not_hold_together_is_asked_again(every, least_loops):
     # few loops, and a limit that no map keeps; where more of them are no better, they are left out

@@ -65,6 +65,7 @@ def test_row_before_a_wall_is_not_taken_for_the_wall(exactly_known, depth_m):
     assert said[-1][0] is Status.TRACKING
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth_m", [0.3, 0.5])
 def test_row_before_a_wall_of_cells_is_not_taken_for_the_wall(of_cells, depth_m):
     said = driven(of_cells, depth_m)
