@@ -76,9 +76,14 @@ class KitasapVectorEnv(SyncVectorEnv):
         self, actions: Any
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One step of all. Raises ValueError for actions that are none, and nothing moves."""
-        given = [checked_action(action) for action in iterate(self.action_space, actions)]
-        if len(given) != self.num_envs:
-            raise ValueError(f"actions: one for each of {self.num_envs} episodes, not {len(given)}")
+        expected = f"actions: one for each of {self.num_envs} episodes"
+        try:
+            each = list(iterate(self.action_space, actions))
+        except TypeError:
+            raise ValueError(f"{expected}, not {actions!r}") from None
+        if len(each) != self.num_envs:
+            raise ValueError(f"{expected}, not {len(each)}")
+        given = [checked_action(action) for action in each]
 
         # each thread takes the next that nobody has taken; what takes longest comes first
         left = iter(np.argsort(~self._autoreset_envs, kind="stable").tolist())

@@ -169,6 +169,8 @@ def test_vector_env_with_a_bad_action_moves_none():
         vector.step(np.array([[0.0, 0.0], [np.nan, 0.0]], dtype=np.float32))
     with pytest.raises(ValueError, match="one for each of 2 episodes, not 3"):
         vector.step(np.zeros((3, 2), dtype=np.float32))
+    with pytest.raises(ValueError, match="one for each of 2 episodes, not None"):
+        vector.step(None)
     assert [env.unwrapped.simulation.time_s for env in vector.envs] == [0.0, 0.0]
     vector.close()
 
