@@ -158,13 +158,7 @@ def _tried(name: str, code: str, mend: str) -> Check:
 
 
 def _rendering() -> Check:
-    code = (
-        "from kitasap_sim.rendering import _gl_context\n"
-        "context = _gl_context(64, 48)\n"
-        "from OpenGL import GL\n"
-        "renderer = GL.glGetString(GL.GL_RENDERER).decode()\n"
-        "print(type(context).__module__.split('.')[1].upper() + ', ' + renderer)"
-    )
+    code = "from kitasap_sim.rendering import check_rendering\nprint(check_rendering())"
     asked = os.environ.get("MUJOCO_GL")
     status, said = _in_process(code)
     if status == 0:

@@ -59,12 +59,16 @@ class View:
     elevation_deg: float = -50.0
 
 
-def check_rendering() -> None:
-    """Raises RenderingError, which says what to install, if there is no OpenGL on this machine."""
+def check_rendering() -> str:
+    """By which way to OpenGL pictures are drawn here: EGL, GLFW or OSMESA.
+
+    Raises RenderingError, which says what to install, if there is none.
+    """
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     context, gpu = _gl_context(16, 16, model)
     gpu.free()
     context.free()
+    return type(context).__module__.split(".")[1].upper()
 
 
 def render(

@@ -7,6 +7,7 @@ import pytest
 from experiments import doctor
 from experiments.cli import main
 from experiments.doctor import Check, _Requirement
+from kitasap_sim.rendering import RenderingError, check_rendering
 
 
 @pytest.fixture
@@ -116,6 +117,14 @@ def test_text_is_in_columns_and_parts():
         "          mend it with: mend c",
         "the core does not work: 1 to mend, see above",
     ]
+
+
+def test_pictures_are_well_where_something_draws_them():
+    try:
+        drawn_by = check_rendering()
+    except RenderingError:
+        pytest.skip("no OpenGL here")
+    assert doctor._rendering() == Check("pictures", "OpenGL", doctor.OK, drawn_by)
 
 
 @pytest.mark.slow
