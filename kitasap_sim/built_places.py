@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 from kitasap_sim import names
+from kitasap_sim.place_look import ASSETS_XML, LIGHTS_XML, OPTION_XML, VISUAL_XML
 
 _OVERLAP_M = (1e-7, 2e-7)
 """By so much blocks reach beyond their sides, along x and y: a beam along the seam of two that only
@@ -14,18 +15,11 @@ below any laser, far above rounding."""
 _TILT_RAD = math.atan(0.5)
 _LEAST_FLOOR_M = 1.0
 
-_FRAME_XML = """\
-<mujoco model={name}>
-  <!-- {source} -->
-  <compiler angle="radian" autolimits="true"/>
-
-  <option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="10" jacobian="dense"/>
-
-  <visual>
-    <global offwidth="1280" offheight="960" fovy="45"/>
-    <headlight ambient=".42 .42 .42" diffuse=".18 .18 .18" specular="0 0 0"/>
-  </visual>
-  <statistic center="{middle_x} {middle_y} .4" extent="{extent}"/>
+_FRAME_XML = f"""\
+<mujoco model={{name}}>
+  <!-- {{source}} -->
+{OPTION_XML}
+{VISUAL_XML}  <statistic center="{{middle_x}} {{middle_y}} .4" extent="{{extent}}"/>
 
   <default>
     <default class="wall">
@@ -36,18 +30,11 @@ _FRAME_XML = """\
     </default>
   </default>
 
-  <asset>
-    <texture name="sky" type="skybox" builtin="flat" rgb1=".93 .95 .97" rgb2=".93 .95 .97" width="32" height="32"/>
-    <texture name="tiles" type="2d" builtin="checker" rgb1=".70 .72 .73" rgb2=".65 .67 .69" width="256" height="256"/>
-    <material name="floor" texture="tiles" texrepeat="2 2" texuniform="true" specular=".1" shininess=".1"/>
-  </asset>
-
+{ASSETS_XML}
   <worldbody>
-    <light name="sun" type="directional" dir=".22 .28 -1" diffuse=".40 .39 .36" specular=".1 .1 .1"/>
-    <light name="fill" type="directional" dir="-.5 -.6 -.6" diffuse=".22 .23 .25" specular="0 0 0" castshadow="false"/>
-    <camera name="overview" pos="{middle_x} {camera_y} {camera_z}" quat="{camera_w} {camera_i} 0 0"/>
-    <geom name="floor" type="plane" size="{floor_x} {floor_y} .1" pos="{middle_x} {middle_y} 0" material="floor"/>
-{start}{geoms}  </worldbody>
+{LIGHTS_XML}    <camera name="overview" pos="{{middle_x}} {{camera_y}} {{camera_z}}" quat="{{camera_w}} {{camera_i}} 0 0"/>
+    <geom name="floor" type="plane" size="{{floor_x}} {{floor_y}} .1" pos="{{middle_x}} {{middle_y}} 0" material="floor"/>
+{{start}}{{geoms}}  </worldbody>
 </mujoco>
 """
 

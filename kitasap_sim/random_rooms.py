@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from kitasap_sim import names
+from kitasap_sim.place_look import ASSETS_XML, LIGHTS_XML, OPTION_XML, VISUAL_XML
 from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2
 
@@ -26,23 +27,10 @@ _TRIES = 50
 
 _WALL_RGBA = (0.93, 0.91, 0.86, 1.0)
 _THING_RGBA = ((0.80, 0.64, 0.44, 1.0), (0.36, 0.46, 0.56, 1.0), (0.78, 0.30, 0.20, 1.0))
-_FRAME_XML = """
+_FRAME_XML = f"""
 <mujoco>
-  <compiler angle="radian" autolimits="true"/>
-  <option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="10" jacobian="dense"/>
-  <visual>
-    <global offwidth="1280" offheight="960" fovy="45"/>
-    <headlight ambient=".42 .42 .42" diffuse=".18 .18 .18" specular="0 0 0"/>
-  </visual>
-  <asset>
-    <texture name="sky" type="skybox" builtin="flat" rgb1=".93 .95 .97" rgb2=".93 .95 .97" width="32" height="32"/>
-    <texture name="tiles" type="2d" builtin="checker" rgb1=".70 .72 .73" rgb2=".65 .67 .69" width="256" height="256"/>
-    <material name="floor" texture="tiles" texrepeat="2 2" texuniform="true" specular=".1" shininess=".1"/>
-  </asset>
-  <worldbody>
-    <light name="sun" type="directional" dir=".22 .28 -1" diffuse=".40 .39 .36" specular=".1 .1 .1"/>
-    <light name="fill" type="directional" dir="-.5 -.6 -.6" diffuse=".22 .23 .25" specular="0 0 0" castshadow="false"/>
-    <geom name="floor" type="plane" size="10 10 .1" pos="3 3 0" material="floor"/>
+{OPTION_XML}{VISUAL_XML}{ASSETS_XML}  <worldbody>
+{LIGHTS_XML}    <geom name="floor" type="plane" size="10 10 .1" pos="3 3 0" material="floor"/>
   </worldbody>
 </mujoco>
 """

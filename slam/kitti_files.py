@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from slam.se2 import FARTHEST_M
-from slam.trajectory import Trajectory, read_tum
+from slam.trajectory import Trajectory, read_tum, rows_of_numbers
 from slam.whole_files import write_whole
 
 _NUMBERS = 12
@@ -38,7 +37,7 @@ def read_kitti(path: str | Path) -> Trajectory:
     """
     path = Path(path)
     rows = []
-    for number, fields in _rows(path):
+    for number, fields in rows_of_numbers(path, "a TUM or KITTI trajectory"):
         place = f"{path.name} line {number}"
         if len(fields) != _NUMBERS:
             raise ValueError(f"{place}: expected {_NUMBERS} numbers, found {len(fields)}")
@@ -56,22 +55,10 @@ def read_trajectory(path: str | Path) -> tuple[Trajectory, bool]:
     Raises ValueError that names the line, OSError when the file cannot be opened.
     """
     path = Path(path)
-    first = next(_rows(path), (0, []))[1]
+    first = next(rows_of_numbers(path, "a TUM or KITTI trajectory"), (0, []))[1]
     if len(first) == _NUMBERS:
         return read_kitti(path), False
     return read_tum(path), True
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number and fields of each line that has any, comments left out."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name}: binary, not a TUM or KITTI trajectory") from error
-    for number, line in enumerate(text.splitlines(), start=1):
-        fields = line.split("#", maxsplit=1)[0].split()
-        if fields:
-            yield number, fields
 
 
 def _pose(matrix: np.ndarray, place: str) -> tuple[float, float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -93,18 +94,26 @@ def read_tum(path: str | Path) -> Trajectory:
     Raises ValueError that names the line, OSError when the file cannot be opened.
     """
     path = Path(path)
-    rows = []
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name}: binary, not a TUM trajectory") from error
-    for number, line in enumerate(text.splitlines(), start=1):
-        fields = line.split("#", maxsplit=1)[0].split()
-        if fields:
-            rows.append(_tum_row(fields, f"{path.name} line {number}"))
+    rows = [
+        _tum_row(fields, f"{path.name} line {number}")
+        for number, fields in rows_of_numbers(path, "a TUM trajectory")
+    ]
     return Trajectory(
         np.array([row[0] for row in rows]), np.array([row[1:] for row in rows]).reshape(-1, 3)
     )
+
+
+def rows_of_numbers(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
+    """Number and fields of each line that has any, comments left out. Raises ValueError, by what the
+    file should be, if it is no text."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path.name}: binary, not {what}") from error
+    for number, line in enumerate(text.splitlines(), start=1):
+        fields = line.split("#", maxsplit=1)[0].split()
+        if fields:
+            yield number, fields
 
 
 def _tum_row(fields: list[str], place: str) -> tuple[float, float, float, float]:

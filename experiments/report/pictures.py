@@ -1,7 +1,8 @@
 """The figures of a report: each drawn of a run's files, with what is to be seen in it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from experiments.figures.against_bound import bound_drawn
@@ -14,7 +15,7 @@ from experiments.figures.made_maps import map_quality_drawn
 from experiments.figures.map_difference import map_difference_drawn
 from experiments.figures.over_time import over_time_drawn
 from experiments.figures.paper_scatter import scatter_drawn
-from experiments.kept_maps import kept_maps
+from experiments.kept_maps import KeptTrial, kept_maps
 from experiments.report.commands import run_command
 from experiments.report.run_folder import RunFolder
 
@@ -63,8 +64,6 @@ def pictures_of(run: RunFolder, key: str) -> Iterator[Picture]:
 
 
 def _with_other_poses(run: RunFolder) -> str | None:
-    from dataclasses import replace
-
     config = replace(run.config, poses="anywhere")
     return run_command("kidnap", config, run.seed, run.trials, run.folder.parent / "anywhere")
 
@@ -76,6 +75,11 @@ def _again(run: RunFolder) -> str | None:
 def _scatter(run: RunFolder) -> Any:
     assert run.summary is not None
     return scatter_drawn(run.folder) if run.summary.get("paper_values") is not None else None
+
+
+def _difference_drawn(trial: KeptTrial, methods: tuple[str, ...], _: RunFolder) -> Any:
+    """Of one trial, whatever the run."""
+    return map_difference_drawn(trial, methods)
 
 
 def _maps(run: RunFolder) -> list[_Drawing]:
@@ -105,7 +109,7 @@ def _maps(run: RunFolder) -> list[_Drawing]:
             " by how far it lies from the nearest true surface; magenta squares are surfaces that the"
             " laser could see and the map lacks. The built map is laid where its path fits the true"
             " path best.",
-            lambda _, trial=trial: map_difference_drawn(trial, methods),  # type: ignore[misc]
+            partial(_difference_drawn, trial, methods),
         )
         for trial, words in drawn
     ]

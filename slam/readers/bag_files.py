@@ -9,7 +9,7 @@ from __future__ import annotations
 import bz2
 import struct
 import sys
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -92,7 +92,7 @@ class Bag:
                     counts[topic] = counts.get(topic, 0) + one.msgcount
         self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
 
-    def messages(self, names: Collection[str]) -> Iterator[BagMessage]:
+    def messages(self, names: Collection[str]) -> Generator[BagMessage]:
         """The messages of some topics in the order of recording."""
         numbers = dict.fromkeys(names, 0)
         for file in self._files:

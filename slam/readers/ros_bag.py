@@ -154,7 +154,7 @@ def _first(bag: Bag, topic: Topic) -> Any:
     except StopIteration:
         raise ValueError(f"{bag.name}: {topic.name} has no message, though it is said to") from None
     finally:
-        messages.close()  # type: ignore[attr-defined]
+        messages.close()
 
 
 def _named_base(base: str, transforms: Transforms) -> str:

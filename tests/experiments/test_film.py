@@ -1,6 +1,5 @@
 """Films of trials: what they show, that nothing changes for them, and that none is left half done."""
 
-import ctypes
 import json
 
 import numpy as np
@@ -16,18 +15,8 @@ from experiments.trials import TrialConfig
 from experiments.video import write_video
 from kitasap_sim import rendering
 from slam.verdict import Status
+from tests.egl import needs_egl
 from tests.experiments.refusals import refusal
-
-
-def has_egl() -> bool:
-    try:
-        ctypes.CDLL("libEGL.so.1")
-    except OSError:
-        return False
-    return True
-
-
-needs_egl = pytest.mark.skipif(not has_egl(), reason="needs libEGL: apt-get install libegl1 libgl1")
 
 
 @pytest.fixture(scope="module")

@@ -142,3 +142,40 @@ def test_an_impossible_laser_is_refused():
 def test_figures_that_no_laser_has_are_refused(change, reason):
     with pytest.raises(ValueError, match=reason):
         replace(laser("urg_04lx"), **change)
+
+
+def obvious_ranges(spec, true_ranges_m, rng):
+    """`measured_ranges` in NumPy, an imperfection a line."""
+    ranges_m = true_ranges_m.copy()
+    chosen, share = rng.random((2, len(ranges_m)))
+    normal, dropped = rng.standard_normal(len(ranges_m)), rng.random(len(ranges_m))
+    before_m, behind_m = true_ranges_m[:-1], true_ranges_m[1:]
+    with np.errstate(invalid="ignore"):
+        step_m = behind_m - before_m
+    is_edge = (np.abs(step_m) > spec.mixed_pixel_jump_m) & np.isfinite(step_m)
+    for edge in np.flatnonzero(is_edge & (chosen[:-1] < spec.mixed_pixel_rate))[::-1]:
+        beam = edge + (chosen[edge] >= spec.mixed_pixel_rate / 2)
+        ranges_m[beam] = before_m[edge] + share[edge] * step_m[edge]
+    ranges_m = ranges_m + (normal * spec.sigma_m(ranges_m) + spec.range_bias_m)
+    ranges_m = np.rint(ranges_m / spec.resolution_m) * spec.resolution_m
+    ranges_m[ranges_m > spec.range_max_m] = np.inf
+    ranges_m[ranges_m < spec.range_min_m] = -np.inf
+    ranges_m[dropped < spec.dropout_rate] = np.nan
+    return ranges_m
+
+
+@pytest.mark.parametrize("name", LASERS)
+def test_errors_are_those_that_the_obvious_formula_gives(name):
+    spec, rng = (
+        replace(laser(name), dropout_rate=0.05, range_bias_m=0.004),
+        np.random.default_rng(1),
+    )
+    # stretches of wall with edges between, some out of reach, some nothing at all
+    walls_m = rng.uniform(0.0, 1.2 * spec.range_max_m, spec.beam_count // 5 + 1)
+    walls_m[rng.random(len(walls_m)) < 0.1], walls_m[0] = np.inf, 0.0
+    true_m = np.repeat(walls_m, 5)[: spec.beam_count]
+    found = measured_ranges(spec, true_m, np.random.default_rng(2))
+    np.testing.assert_array_equal(found, obvious_ranges(spec, true_m, np.random.default_rng(2)))
+    assert np.isposinf(found).any()
+    assert np.isneginf(found).any() or spec.range_min_m == 0.0
+    assert np.isnan(found).any()

@@ -1,4 +1,3 @@
-import ctypes
 import os
 import subprocess
 import sys
@@ -8,17 +7,7 @@ import pytest
 
 from kitasap_sim import rendering
 from kitasap_sim.rendering import RenderingError, render
-
-
-def has_egl() -> bool:
-    try:
-        ctypes.CDLL("libEGL.so.1")
-    except OSError:
-        return False
-    return True
-
-
-needs_egl = pytest.mark.skipif(not has_egl(), reason="needs libEGL: apt-get install libegl1 libgl1")
+from tests.egl import needs_egl
 
 
 @needs_egl
