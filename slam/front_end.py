@@ -17,11 +17,11 @@ from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
 from slam.measurements import Measurement
-from slam.odometry import compose_covariance
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
 from slam.views import Glance, Glances
+from slam.wheel_scale import ScaledStep, WheelScale, WheelScaleConfig
 
 _INTERVALS = 21
 """Between scans, of which the median is the usual one. Chosen."""
@@ -60,6 +60,7 @@ class FrontEndConfig:
     """
 
     surfaces: SurfaceMapConfig = field(default_factory=SurfaceMapConfig)
+    wheel_scale: WheelScaleConfig = field(default_factory=WheelScaleConfig)
     window: int = 25
     keyframe_m: float = 0.25
     keyframe_rad: float = math.radians(12.0)
@@ -148,6 +149,8 @@ class FrontEnd:
         self.config = config or FrontEndConfig()
         self.keyframes: list[Keyframe] = []
         self.glances: list[Glances] = []
+        self.wheel_scale = WheelScale(self.config.wheel_scale)
+        self.scaled_steps: list[ScaledStep] = []
         self.T_map_base = SE2.identity()
         self._surfaces = SurfaceMap(self.config.surfaces)
         self._window: deque[FloatArray] = deque()
@@ -162,14 +165,15 @@ class FrontEnd:
         beams = self._beams(measurement)
         points = self._seen(beams)
         T_last = self.T_map_base
-        T_predicted = T_last @ measurement.motion
+        T_predicted = T_last @ self.wheel_scale.scaled(measurement.motion)
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
-        self._P = compose_covariance(self._P, measurement.motion, spread)
+        self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
         self._blind_m += self._way_m(measurement)
         match, status = self._placed(measurement, points, T_last, T_predicted)
         self.T_map_base = T_predicted
         inlier_ratio = 0.0
         if match is not None:
+            self._learn_scale(T_predicted, match)
             self.T_map_base, self._P, inlier_ratio = (
                 match.T_map_base, match.covariance, match.inlier_ratio
             )  # fmt: skip
@@ -189,6 +193,16 @@ class FrontEnd:
             inlier_ratio, is_new,
             is_open=match is not None and match.least_facing < self.config.least_facing,
         )  # fmt: skip
+
+    def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
+        """What a scan says of the wheels' scale, by as much as it was let pull at the pose."""
+        surfaces = self.config.surfaces
+        self.wheel_scale.update(
+            self._P,
+            (T_predicted.inverse() @ match.T_map_base).log(),
+            match.information * (surfaces.pull / surfaces.share),
+            match.least_facing,
+        )
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of the scan of a keyframe that has left the window, and of those after it."""
@@ -302,6 +316,7 @@ class FrontEnd:
             )
         )
         self.glances.append(Glances())
+        self.scaled_steps.append(self.wheel_scale.begin_step())
         self._P = np.zeros((3, 3))
         if is_break:
             while self._window:

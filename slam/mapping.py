@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,14 +11,15 @@ from slam.arrays import FloatArray
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd, FrontEndStep, Keyframe, StepStatus
 from slam.joint_adjustment import jointly_adjusted
+from slam.keyframe_graph import KeyframeGraph
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_consistency import acquitted, do_contradict, judged
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
-from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
+from slam.rescaling import chained, rescaled, unknown_lengths
 from slam.se2 import SE2, wrap_angle
 from slam.session_joining import SessionJoiner, set_aside
-from slam.slam_map import SlamMap, add_loop, add_step, graph_of, points_seen
+from slam.slam_map import SlamMap, graph_of, points_seen
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
@@ -50,10 +50,7 @@ class Mapper:
         self.config = config or MapperConfig()
         self._front_end = FrontEnd(T_base_laser, self.config.front_end)
         self._closer = LoopCloser(self.config.loops, self.config.front_end.surfaces)
-        self._graph = PoseGraph()
-        self._keyframes: list[Keyframe] = []
-        self._loops: list[Loop] = []
-        self._loop_edges: list[int] = []
+        self._graph = KeyframeGraph(self.config.step_sigma)
         self._steps: list[FrontEndStep] = []
         self._has_new, self._since_loop_m = False, 0.0
         self._session = self._first = self._first_step = 0
@@ -104,14 +101,14 @@ class Mapper:
         if step.keyframe >= 0:
             self.T_map_base = self._graph.pose(step.keyframe) @ step.T_keyframe_base
         return MapperStep(
-            step.time_s, self.T_map_base, step.status, step.inlier_ratio, len(self._loops),
+            step.time_s, self.T_map_base, step.status, step.inlier_ratio, len(self._graph.loops),
             self._is_joined,
         )  # fmt: skip
 
     @property
     def points(self) -> FloatArray:
         """(N, 2) what the keyframes saw, from where their poses are now [m]: the map so far."""
-        return points_seen(self._keyframes, self._graph.poses)
+        return points_seen(self._graph.keyframes, self._graph.poses)
 
     def finish(self) -> SlamMap:
         """All loops once more from where the poses are now, and all poses adjusted to the end.
@@ -120,9 +117,24 @@ class Mapper:
         asked, and less complete matches will do. What comes of it is kept if the map holds together
         better; a map that had failed is not acquitted by such loops alone.
         """
+        self._rescale()
         slam_map = self._held_together()
-        verdict = slam_map.verdict.with_reasons(self._monitor.objections(slam_map.steps))
-        return replace(slam_map, verdict=verdict)
+        said = self._monitor.objections(slam_map.steps)
+        said += unknown_lengths(
+            slam_map.keyframes, slam_map.poses, slam_map.loops, self._front_end.scaled_steps,
+            self._front_end.wheel_scale,
+        )  # fmt: skip
+        return replace(slam_map, verdict=slam_map.verdict.with_reasons(said))
+
+    def _rescale(self) -> None:
+        """Takes the steps of the session by the wheels' scale that is known at its end."""
+        front_end, graph = self._front_end, self._graph
+        scale = front_end.wheel_scale.scale
+        keyframes, poses = rescaled(graph.keyframes, front_end.scaled_steps, scale), graph.poses
+        front_end.scaled_steps = [replace(step, scale=scale) for step in front_end.scaled_steps]
+        if not graph.loops:
+            poses = chained(keyframes, poses, self._first)
+        graph.renew(keyframes, graph.loops, poses)
 
     def _held_together(self) -> SlamMap:
         """The map with all loops, and with laxer ones if those make it hold together better."""
@@ -130,9 +142,9 @@ class Mapper:
         slam_map = again = self._finished(self._closer, config.loops.every)
         first = slam_map.verdict
         is_sound = first.is_good and first.bad_pairs <= config.consistency.doubtful_pairs
-        if is_sound or not self._loops or not self._is_joined:
+        if is_sound or not self._graph.loops or not self._is_joined:
             return slam_map
-        before = list(self._loops), self._graph.poses.copy()
+        before = list(self._graph.loops), self._graph.poses.copy()
         loops = replace(config.loops, least_inlier_ratio=config.patient_inlier_ratio)
         closer = LoopCloser(loops, config.front_end.surfaces)
         for _ in range(config.patient_rounds):
@@ -142,21 +154,21 @@ class Mapper:
                 return again
             told = again.keyframes, again.loops, again.rejected
             return replace(again, verdict=acquitted(again.verdict, *told, config.consistency))
-        self._set_loops(*before)
+        self._graph.renew(self._graph.keyframes, *before)
         return slam_map
 
     def _finished(self, closer: LoopCloser, every: int) -> SlamMap:
         """The map with the loops that a closer finds beside those known."""
-        kept, rejected = self._loops, list[Loop]()
-        if self._loops:
+        kept, rejected = self._graph.loops, list[Loop]()
+        if self._graph.loops:
             kept, rejected = self._adjusted(closer, every)
             if not self._holds():
                 self._unjoin()
-                if self._loops:
+                if self._graph.loops:
                     kept, rejected = self._adjusted(closer, every)
                 else:
                     kept, rejected = [], []
-        keyframes, poses = self._keyframes.copy(), self._graph.poses
+        keyframes, poses = self._graph.keyframes.copy(), self._graph.poses
         # what was not joined is set against nothing
         count = len(keyframes) if self._is_joined else self._first
         adjusted = jointly_adjusted(
@@ -186,59 +198,41 @@ class Mapper:
 
     def _adjusted(self, closer: LoopCloser, every: int) -> tuple[list[Loop], list[Loop]]:
         """Loops kept and rejected once all are found that there are, and all poses adjusted."""
-        self._solve()
-        known = {(loop.earlier, loop.later) for loop in self._loops}
+        self._graph.solve()
+        known = {(loop.earlier, loop.later) for loop in self._graph.loops}
         # those of the sessions before were asked when these ended
-        asked = [k for k in range(len(self._keyframes)) if k % every == 0]
+        asked = [k for k in range(len(self._graph.keyframes)) if k % every == 0]
         asked = [k for k in asked if k >= self._first]
-        found = closer.found(self._keyframes, self._graph.poses, asked, others=self._comparable)
-        self._take([one for one in found if (one.earlier, one.later) not in known])
-        is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
-        is_rejected[self._solve().rejected_loops()] = True
-        of_loop = is_rejected[self._loop_edges]
-        kept = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if not bad]
-        rejected = [loop for loop, bad in zip(self._loops, of_loop, strict=True) if bad]
-        return kept, rejected
+        found = closer.found(
+            self._graph.keyframes, self._graph.poses, asked, others=self._comparable
+        )
+        self._graph.take([one for one in found if (one.earlier, one.later) not in known])
+        return self._graph.sorted_loops()
 
     def _begin_session(self, slam_map: SlamMap, start: SE2 | None) -> None:
         """Takes over all that was mapped before."""
-        self._keyframes, self._steps = list(slam_map.keyframes), list(slam_map.steps)
-        self._first, self._first_step = len(self._keyframes), len(self._steps)
+        self._steps = list(slam_map.steps)
+        self._first, self._first_step = len(slam_map.keyframes), len(self._steps)
         self._session = slam_map.session_count
-        self._set_loops([*slam_map.loops, *slam_map.rejected], slam_map.poses)
-        if self._keyframes:
+        loops = [*slam_map.loops, *slam_map.rejected]
+        self._graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
+        if self._graph.keyframes:
             self._is_joined, self._is_start_unknown = False, start is None
             self._start = start or SE2.identity()
             self._joiner = SessionJoiner(
-                self._keyframes,
+                self._graph.keyframes,
                 slam_map.poses,
                 self._closer,
                 start is not None,
                 self.config.joining,
             )
 
-    def _set_loops(self, loops: list[Loop], poses: FloatArray) -> None:
-        """The pose graph anew, of these loops and poses."""
-        self._graph = graph_of(self._keyframes, loops, poses, self.config.step_sigma)
-        steps = max(len(self._keyframes) - 1, 0)
-        self._loops, self._loop_edges = loops, list(range(steps, steps + len(loops)))
-
-    def _take(self, loops: Sequence[Loop]) -> None:
-        """Makes loops part of the pose graph."""
-        for loop in loops:
-            self._loop_edges.append(add_loop(self._graph, loop))
-        self._loops += loops
-
     def _add_keyframe(self, keyframe: Keyframe) -> None:
         """Notes where the keyframe is seen from the last one, and the loops that it closes."""
-        config, index = self.config, self._graph.node_count
+        config, index = self.config, len(self._graph)
         keyframe = self._of_session(keyframe, index)
-        self._keyframes.append(keyframe)
-        if index == 0:
-            self._graph.add_node(keyframe.T_map_base)
-        else:
-            self._graph.add_node(self._graph.pose(index - 1) @ keyframe.T_before)
-            add_step(self._graph, index, keyframe, config.step_sigma)
+        self._graph.add(keyframe)
+        if index > 0:
             self._since_loop_m += math.hypot(keyframe.T_before.x, keyframe.T_before.y)
         if keyframe.is_break:
             self._since_loop_m += _TORN_M
@@ -251,16 +245,16 @@ class Mapper:
             index % (every * config.crowd_every) == 0 or not self._is_crowded(index)
         ):
             found = self._closer.found(
-                self._keyframes, self._graph.poses, [index], self._drift(), self._comparable
+                self._graph.keyframes, self._graph.poses, [index], self._drift(), self._comparable
             )
             if not is_joined:  # what joined the sessions may be among them
-                known = {loop.earlier for loop in self._loops if loop.later == index}
+                known = {loop.earlier for loop in self._graph.loops if loop.later == index}
                 found = [loop for loop in found if loop.earlier not in known]
             if found:
-                self._take(found)
+                self._graph.take(found)
                 self._since_loop_m, self._has_new = 0.0, True
         if self._has_new and index % config.solve_every == 0:
-            self._solve(config.online_iterations)
+            self._graph.solve(config.online_iterations)
             self._has_new = False
         if self._is_joined:
             self._thin_crowd(index - 2 * config.front_end.window)
@@ -272,7 +266,7 @@ class Mapper:
     def _thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw."""
         if index >= self._first and self._is_crowded(index):
-            self._keyframes[index] = self._keyframes[index].place_alone()
+            self._graph.keyframes[index] = self._graph.keyframes[index].place_alone()
             self._front_end.keep_place_alone(index - self._first)
 
     def _is_crowded(self, index: int) -> bool:
@@ -281,7 +275,7 @@ class Mapper:
         off = self._graph.poses - self._graph.pose(index).as_array()
         is_near = np.hypot(off[:, 0], off[:, 1]) < config.crowd_m
         is_near &= np.abs(wrap_angle(off[:, 2])) < config.crowd_rad
-        has_scan = (not self._keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
+        has_scan = (not self._graph.keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
         return sum(has_scan) > config.crowd
 
     def _of_session(self, keyframe: Keyframe, index: int) -> Keyframe:
@@ -301,19 +295,19 @@ class Mapper:
     @property
     def _comparable(self) -> range | None:
         """The keyframes of which it is known where they lie as seen from the last one; None: all."""
-        return None if self._is_joined else range(self._first, len(self._keyframes))
+        return None if self._is_joined else range(self._first, len(self._graph.keyframes))
 
     def _look_for_join(self) -> None:
         """Joins the session with the map, if the last keyframe shows where it lies."""
         assert self._joiner is not None
         poses = self._graph.poses
-        join = self._joiner.look(self._keyframes, poses)
+        join = self._joiner.look(self._graph.keyframes, poses)
         if join is None:
             return
         self._graph.set_poses(join.moved(poses, self._first))
-        self._take(join.loops)
+        self._graph.take(join.loops)
         self._since_loop_m, self._has_new, self._is_joined = 0.0, True, True
-        self._check_at = len(self._keyframes) - 1 + self.config.joining.first_check
+        self._check_at = len(self._graph.keyframes) - 1 + self.config.joining.first_check
 
     def _holds(self, most_pairs: int | None = None) -> bool:
         """Whether the session's scans may have been taken where it was joined with the map."""
@@ -322,14 +316,14 @@ class Mapper:
         against = self.config.joining.against
         if most_pairs is not None:
             against = replace(against, most_pairs=most_pairs)
-        return not do_contradict(self._keyframes, self._graph.poses, self._first, against)
+        return not do_contradict(self._graph.keyframes, self._graph.poses, self._first, against)
 
     def _unjoin(self) -> None:
         """Takes back a join that was wrong: the session is a piece of its own again."""
         assert self._joiner is not None
         first = self._first
-        loops = [one for one in self._loops if not one.earlier < first <= one.later]
-        self._set_loops(loops, self._graph.poses)
+        loops = [one for one in self._graph.loops if not one.earlier < first <= one.later]
+        self._graph.renew(self._graph.keyframes, loops, self._graph.poses)
         self._joiner.reject()
         self._is_joined, self._check_at = False, math.inf
 
@@ -340,10 +334,3 @@ class Mapper:
             min(config.start_m + config.drift_m * way_m, config.most_drift[0]),
             min(config.start_rad + config.drift_rad * way_m, config.most_drift[1]),
         )
-
-    def _solve(self, max_iterations: int = 100) -> PoseGraphSolution:
-        """Moves the poses to where steps and loops agree best, or on the way there."""
-        config = PoseGraphConfig(max_iterations=max_iterations)
-        solution = self._graph.solve(config=config)
-        self._graph.set_poses(solution.poses)
-        return solution

@@ -76,7 +76,7 @@ RANKS = (
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
     | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"}
-    | {"match_verdict", "slam_map_checks"},
+    | {"match_verdict", "slam_map_checks", "wheel_scale"},
     {
         "relocalization",
         "hypotheses",
@@ -110,7 +110,7 @@ RANKS = (
         "sharpness",
     },
     {"localization", "known_map", "mapping", "session_joining", "joint_adjustment"}
-    | {"slam_map", "slam_map_files", "warm_up", "mapper_config"},
+    | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""
