@@ -4,7 +4,8 @@ Where to begin:
 
 - `read_log` reads a recorded drive (CARMEN, ROS bag, encoder ticks) as a `Log`, whose
   `measurements()` are `Measurement`s; your own scans and odometry make them as well.
-- `Mapper` makes a `SlamMap` of them; `write_slam_map` and `read_slam_map` keep it.
+- `Mapper` makes a `SlamMap` of them; `write_slam_map` and `read_slam_map` keep it. `IcpMapper` maps
+  as the paper does, by plain ICP on all points seen so far.
 - `Localizer` follows the robot on a map and says how far its `Estimate` is to be believed
   (`Verdict`). `SlamMap.localizer` makes one; `KnownMap` does of an `OccupancyGrid`, which `read_map`
   reads from a ROS map.
@@ -20,6 +21,7 @@ from slam.beams import Beams
 from slam.calibration import Calibration, CalibrationConfig, calibrate
 from slam.front_end import StepStatus
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
+from slam.icp_mapping import IcpMap, IcpMapper
 from slam.known_map import KnownMap
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
@@ -77,6 +79,8 @@ __all__ = [
     "GuardConfig",
     "Hypothesis",
     "IcpConfig",
+    "IcpMap",
+    "IcpMapper",
     "IcpStep",
     "KnownMap",
     "LaserModel",
