@@ -3,10 +3,14 @@
 import contextlib
 import subprocess
 import sys
-import types
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import mujoco
+import mujoco.viewer
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
@@ -15,6 +19,7 @@ from gymnasium.utils.env_checker import check_env
 import kitasap_sim
 from kitasap_sim.env.base import KitasapEnv
 from kitasap_sim.env.explore import ExploreEnv
+from kitasap_sim import window
 from kitasap_sim.env.goto import GoToEnv
 from kitasap_sim.env.track import TrackEnv
 from kitasap_sim.places import Place
@@ -303,10 +308,11 @@ def test_goal_is_in_the_picture():
     env.close()
 
 
-class Window:
+class Handle:
     """What MuJoCo's viewer has of interest here."""
 
-    def __init__(self, model, _data, **_):
+    def __init__(self, model, data, **_):
+        self.data = data
         self.user_scn = mujoco.MjvScene(model, maxgeom=500)
         self.synced = 0
 
@@ -317,40 +323,54 @@ class Window:
         self.synced += 1
 
     def close(self):
-        self.user_scn = None
+        self.is_over.set()
 
 
 def test_window_shows_beams_and_goal_and_is_brought_up_to_date_each_step(monkeypatch):
-    viewer = types.ModuleType("mujoco.viewer")
-    viewer.launch_passive = Window
-    monkeypatch.setitem(sys.modules, "mujoco.viewer", viewer)
-    monkeypatch.setattr(mujoco, "viewer", viewer, raising=False)
-    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(window, "why_not", lambda: None)
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", Handle)
     env = GoToEnv(render_mode="human", place="symmetric_room")
     env.reset(seed=0)
-    window = env._renderer._viewer
+    shown = env._renderer._viewer.handle
     waits = []
     monkeypatch.setattr("kitasap_sim.env.picture.time.sleep", waits.append)
     for _ in range(3):
         env.step(FORWARD)
-    assert window.synced == 4
+    assert shown.synced == 4
     # people watch: it does not run faster than the robot
     assert len(waits) >= 2
     assert 0.0 < max(waits) <= 0.05
     # disc, pole and arrow of the goal, and nearly all 60 beams
-    assert 55 < window.user_scn.ngeom <= 63
+    assert 55 < shown.user_scn.ngeom <= 63
+    # what a mouse does to what is shown, the episode does not feel
+    data = env.simulation.data
+    assert np.array_equal(shown.data.qpos, data.qpos)
+    shown.data.xfrc_applied[:] = 100.0
+    assert not data.xfrc_applied.any()
+    # Python may end right after it: a window that still drew then would end it by a fault
     env.close()
-    assert window.user_scn is None
+    assert not shown.drawing.is_alive()
 
 
-def test_no_display_is_told_and_nothing_is_shown(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    env = GoToEnv(render_mode="human", place="symmetric_room")
-    with pytest.warns(UserWarning, match="needs a display"):
-        env.reset(seed=0)
-    assert env.render() is None
+@pytest.mark.skipif(sys.platform != "linux", reason="a display is told by DISPLAY")
+def test_no_display_or_one_that_does_not_answer_is_told_and_nothing_is_shown():
+    script = (
+        "import os, warnings\n"
+        "from kitasap_sim.env.goto import GoToEnv\n"
+        "os.environ.pop('WAYLAND_DISPLAY', None)\n"
+        "env = GoToEnv(render_mode='human', place='symmetric_room')\n"
+        "for display in ('', ':977'):\n"
+        "    os.environ['DISPLAY'] = display\n"
+        "    with warnings.catch_warnings(record=True) as said:\n"
+        "        warnings.simplefilter('always')\n"
+        "        env.reset(seed=0)\n"
+        "    assert env.render() is None\n"
+        "    print(said[0].message)\n"
+    )
+    # the viewer itself would end the process without a word to Python
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("render_mode='human' needs a display") == 2
 
 
 def test_list_of_pictures_is_collected():
@@ -394,7 +414,15 @@ def test_render_of_a_simulation_leaves_it_as_it_was():
         ({"friction": 0.0}, "friction"),
         ({"laser_noise": np.nan}, "laser_noise"),
         ({"latency_s": "late"}, "latency_s"),
+        self.opt, self.cam = mujoco.MjvOption(), mujoco.MjvCamera()
         ({"tolerance": (0.0, 1.0)}, "tolerance"),
+        self.is_over = threading.Event()
+        self.drawing = threading.Thread(target=self._draw)
+        self.drawing.start()
+
+    def _draw(self):
+        self.is_over.wait()
+        time.sleep(0.05)  # its last picture
         ({"tolerance": None}, "tolerance"),
         ({"tolerance": ("near", 1.0)}, "tolerance"),
         ({"odometry": "good"}, "no odometry preset"),
