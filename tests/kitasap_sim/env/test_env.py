@@ -14,14 +14,17 @@ import mujoco.viewer
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ClosedEnvironmentError
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
 import kitasap_sim
+from kitasap_sim import window
 from kitasap_sim.env.base import KitasapEnv
 from kitasap_sim.env.explore import ExploreEnv
-from kitasap_sim import window
 from kitasap_sim.env.goto import GoToEnv
 from kitasap_sim.env.track import TrackEnv
+from kitasap_sim.laser import LASERS
 from kitasap_sim.places import Place
 from kitasap_sim.rendering import RenderingError, render
 from kitasap_sim.simulation import Simulation
@@ -119,6 +122,29 @@ def test_equal_seeds_give_equal_bytes_also_after_pickling_the_spec(env_id):
     assert not same(first, rollout(env, 40, seed=4))
 
 
+def test_a_spec_with_objects_for_keywords_is_json_and_made_again_is_the_same(tmp_path):
+    mine = tmp_path / "mine.xml"
+    mine.write_bytes(Path(Place("symmetric_room").path).read_bytes())
+    sharp = replace(LASERS["ust_10lx"], name="sharp", sigma_at_m=((1.0, 0.002), (5.0, 0.004)))
+    keywords = {
+        "place": (mine, Place("room_fig4"), "random"),
+        "laser": sharp,
+        "beams": np.int64(31),
+        "people": np.array([0, 1]),
+        "difficulty": (np.float32(0.25), 0.5),
+    }
+    env = gymnasium.make(IDS[0], **keywords)
+    copied = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    assert copied.unwrapped.sold_laser == sharp
+    assert same(rollout(env, 3), rollout(copied, 3))
+    vector = gymnasium.make_vec(IDS[0], 2, autoreset_mode=AutoresetMode.SAME_STEP, **keywords)
+    spec = EnvSpec.from_json(vector.spec.to_json())
+    again = gymnasium.make_vec(spec)
+    assert again.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    for env in (vector, again):
+        env.close()
+
+
 @pytest.mark.parametrize("mode", ["sync", "async", None])
 def test_vector_envs_give_what_single_ones_do(mode):
     keywords = {"difficulty": 0.3, "max_episode_steps": 15}
@@ -143,6 +169,66 @@ def test_vector_envs_give_what_single_ones_do(mode):
             assert (rewards[k], terminations[k], truncations[k]) == tuple(told)
             is_over[k] = told[1] or told[2]
     vector.close()
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.name)
+def test_native_vector_env_begins_anew_as_gymnasium_s_own(mode):
+    keywords = {"difficulty": 0.0, "max_episode_steps": 3}
+    native = gymnasium.make_vec(IDS[0], 3, autoreset_mode=mode.value, **keywords)
+    plain = gymnasium.make_vec(
+        IDS[0], 3, "sync", vector_kwargs={"autoreset_mode": mode}, **keywords
+    )
+    assert native.metadata["autoreset_mode"] is mode
+    envs, rng = (native, plain), np.random.default_rng(0)
+    both = [env.reset(seed=5) for env in envs]
+    anew, ended = np.array([True, False, False]), 0
+    for number in range(12):
+        assert told_alike(*both)
+        # the first one, once, so that it ends later than the others; then those that nobody resets
+        if number == 1 or (number > 1 and mode is AutoresetMode.DISABLED and anew.any()):
+            both = [env.reset(options={"reset_mask": anew.copy()}) for env in envs]
+            anew[:] = False
+            continue
+        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
+        both = [env.step(actions) for env in envs]
+        if number > 0:
+            anew = both[0][2] | both[0][3]
+            ended += int(anew.any())
+        for last in filter(None, both[0][4].get("final_obs", ())):
+            assert mode is AutoresetMode.SAME_STEP
+            assert native.single_observation_space.contains(last)
+    assert ended >= 3
+    native.close()
+    plain.close()
+
+
+def told_alike(one, other) -> bool:
+    """As `equal`, of what vector envs give: arrays of objects too."""
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        one, other = one.tolist(), other.tolist()
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(told_alike, one, other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(told_alike(one[k], other[k]) for k in one)
+    return bool(np.array_equal(one, other))
+
+
+def test_native_vector_env_says_what_it_cannot_do():
+    with pytest.raises(
+        ValueError, match="autoreset_mode: NextStep, SameStep, Disabled, not 'never'"
+    ):
+        gymnasium.make_vec(IDS[0], 2, autoreset_mode="never")
+    vector = gymnasium.make_vec(
+        IDS[0], 2, autoreset_mode="Disabled", difficulty=0.0, max_episode_steps=1
+    )
+    vector.reset(seed=0)
+    actions = np.zeros((2, 2), dtype=np.float32)
+    vector.step(actions)
+    with pytest.raises(RuntimeError, match=r"\[0, 1\] are over: reset them"):
+        vector.step(actions)
+    vector.close()
+    with pytest.raises(ClosedEnvironmentError, match=r"after close\(\)"):
+        vector.step(actions)
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -314,7 +400,15 @@ class Handle:
     def __init__(self, model, data, **_):
         self.data = data
         self.user_scn = mujoco.MjvScene(model, maxgeom=500)
+        self.opt, self.cam = mujoco.MjvOption(), mujoco.MjvCamera()
         self.synced = 0
+        self.is_over = threading.Event()
+        self.drawing = threading.Thread(target=self._draw)
+        self.drawing.start()
+
+    def _draw(self):
+        self.is_over.wait()
+        time.sleep(0.05)  # its last picture
 
     def lock(self):
         return contextlib.nullcontext()
@@ -404,6 +498,9 @@ def test_render_of_a_simulation_leaves_it_as_it_was():
         ({"difficulty": 1.5}, "difficulty"),
         ({"difficulty": (0.8, 0.2)}, "difficulty"),
         ({"beams": 0}, "beams"),
+        ({"beams": 10**7}, "beams: a whole number from 1 to 4096"),
+        ({"laser": {"name": "mine", "teeth": 3}}, "laser: the fields"),
+        ({"laser": 4}, "laser: a name"),
         ({"laser": "sonar"}, "no laser"),
         ({"control": "legs"}, "control"),
         ({"people": -1}, "people"),
@@ -414,15 +511,7 @@ def test_render_of_a_simulation_leaves_it_as_it_was():
         ({"friction": 0.0}, "friction"),
         ({"laser_noise": np.nan}, "laser_noise"),
         ({"latency_s": "late"}, "latency_s"),
-        self.opt, self.cam = mujoco.MjvOption(), mujoco.MjvCamera()
         ({"tolerance": (0.0, 1.0)}, "tolerance"),
-        self.is_over = threading.Event()
-        self.drawing = threading.Thread(target=self._draw)
-        self.drawing.start()
-
-    def _draw(self):
-        self.is_over.wait()
-        time.sleep(0.05)  # its last picture
         ({"tolerance": None}, "tolerance"),
         ({"tolerance": ("near", 1.0)}, "tolerance"),
         ({"odometry": "good"}, "no odometry preset"),
