@@ -138,6 +138,7 @@ class KitasapEnv(KeepsSpec, gymnasium.Env[Observation, np.ndarray]):
             }
         )
         self._sim: Simulation | None = None
+        self._place: Place | None = None
         self._renderer: Any = None
         self._is_picture_old = False
 
@@ -180,8 +181,8 @@ class KitasapEnv(KeepsSpec, gymnasium.Env[Observation, np.ndarray]):
 
     @property
     def place(self) -> Place:
-        """Of this episode."""
-        return self.simulation.place
+        """Of this episode. Raises RuntimeError before a reset."""
+        return self._place if self._place is not None else self.simulation.place
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -199,20 +200,19 @@ class KitasapEnv(KeepsSpec, gymnasium.Env[Observation, np.ndarray]):
         try:
             return self._begun(options)
         except Exception:  # whatever it was goes on up; half begun this is no episode
-            self._sim = None
+            self._sim = self._place = None
             raise
 
     def _begun(self, options: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         """What `reset` says, once its options are known to be some."""
         drawn = self.variation.drawn(self.laser, self.np_random, options.get("place"))
-        self._sim, self._beams = drawn.simulation, drawn.beams
-        self._noise = drawn.noise
-        self._motors = Motors(self._sim, self.control, drawn.lag_steps)
-        self._bumper = Bumper(self._sim)
+        self._place, self._beams, self._noise = drawn.place, drawn.beams, drawn.noise
         # closed by who draws the next one: OpenGL is the thread's that drew before
         self._is_picture_old = True
         pose = self._begin(options)
-        self._sim.reset(pose)
+        self._sim = drawn.simulation(pose)
+        self._motors = Motors(self._sim, self.control, drawn.latency_s)
+        self._bumper = Bumper(self._sim)
         self._pose = _wrapped(np.asarray(pose, dtype=float))
         self._start = self._pose.copy()
         self._reckoning = DeadReckoning(self._pose, self._sim.wheel_ticks())

@@ -14,7 +14,7 @@ from kitasap_sim.laser import LaserSpec
 from kitasap_sim.place_files import place_path
 from kitasap_sim.places import Place
 from kitasap_sim.random_rooms import random_room
-from kitasap_sim.robot import odometry_preset
+from kitasap_sim.robot import OdometryPreset, odometry_preset
 from kitasap_sim.simulation import Simulation
 
 Span = float | Sequence[float]
@@ -30,12 +30,26 @@ _LAST_BEAM = 0.7
 @dataclass(frozen=True)
 class Drawn:
     """One episode's world. beams: the laser as it is on this robot; noise: what its errors are
-    drawn from. lag_steps: physics steps after which a command reaches the motors."""
+    drawn from. latency_s: after which a command reaches the motors."""
 
-    simulation: Simulation
+    place: Place
     beams: LaserSpec
     noise: np.random.Generator
-    lag_steps: int
+    latency_s: float
+    preset: OdometryPreset
+    people: int
+    friction: float | None
+    world: np.random.Generator
+
+    def simulation(self, pose: np.ndarray) -> Simulation:
+        """The world with the robot at rest at a pose (3,): once, since people are drawn with it."""
+        simulation = Simulation(
+            self.place, self.beams, self.preset, rng=self.world, people=self.people, pose=pose
+        )
+        if self.friction is not None:
+            for tire in names.TIRES:
+                simulation.model.geom(tire).friction[0] = self.friction
+        return simulation
 
 
 @dataclass(frozen=True)
@@ -106,11 +120,10 @@ class Variation:
         )
         sigmas = tuple((at_m, noise * sigma_m) for at_m, sigma_m in beams.sigma_at_m)
         beams = replace(beams, sigma_at_m=sigmas if noise > 0.0 else ())
-        simulation = Simulation(place, beams, preset, rng=world, people=int(people))
-        if self.friction is not None:
-            for tire in names.TIRES:
-                simulation.model.geom(tire).friction[0] = friction
-        return Drawn(simulation, beams, errors, round(latency_s / simulation.timestep_s))
+        return Drawn(
+            place, beams, errors, latency_s, preset, int(people),
+            None if self.friction is None else friction, world,
+        )  # fmt: skip
 
     def _places(self) -> Sequence[str | Path | Place]:
         if isinstance(self.place, str | Path | Place) or not isinstance(self.place, Iterable):

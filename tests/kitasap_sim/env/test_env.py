@@ -25,6 +25,7 @@ from kitasap_sim.env.explore import ExploreEnv
 from kitasap_sim.env.goto import GoToEnv
 from kitasap_sim.env.track import TrackEnv
 from kitasap_sim.laser import LASERS
+from kitasap_sim.people import People
 from kitasap_sim.places import Place
 from kitasap_sim.rendering import RenderingError, render
 from kitasap_sim.simulation import Simulation
@@ -596,6 +597,18 @@ def test_place_of_one_episode_is_an_option():
         assert env.place.name == getattr(name, "name", name)
     env.reset()
     assert env.place.name == "symmetric_room"
+
+
+def test_people_are_placed_once_for_an_episode(monkeypatch):
+    placed = []
+    reset = People.reset
+    monkeypatch.setattr(
+        People, "reset", lambda self, robot_m: (placed.append(robot_m), reset(self, robot_m))[1]
+    )
+    env = task(IDS[0], place="room_fig4", people=2)
+    _, info = env.reset(seed=0)
+    # their ways take longer than all else that a reset does
+    np.testing.assert_array_equal(placed, [info["pose_true"][:2]])
 
 
 def test_step_before_reset_says_so():
