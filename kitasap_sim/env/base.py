@@ -71,7 +71,7 @@ class KitasapEnv(KeepsSpec, gymnasium.Env[Observation, np.ndarray]):
     ## Keywords
 
     `place`: a name, the path of an MJCF file, a `Place`, or several to draw from; "random" is a new
-    room in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many (up to
+    room in each episode, "twofold" one that looks alike from both ends but for one thing. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many (up to
     4096) of whose view, range and noise, each fired once in a step; a name, or a `LaserSpec`. `control`. `people`: who walk about.
     Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii`
     (share by which each is truly larger, 0, at most 0.05), `laser_noise` (times the laser's sigma,

@@ -22,6 +22,9 @@ Span = float | Sequence[float]
 
 RANDOM = "random"
 """The place that is a new room in each episode."""
+TWOFOLD = "twofold"
+"""The same, of rooms that look alike from both ends but for one thing."""
+DRAWN = (RANDOM, TWOFOLD)
 
 _LAST_BEAM = 0.7
 """Of a control period, when the last beam is fired: as of a URG-04LX."""
@@ -138,8 +141,8 @@ _KNOWN: dict[str, Place] = {}
 def _place(name: str | Path | Place, difficulty: float, rng: np.random.Generator) -> Place:
     if isinstance(name, Place):
         return name
-    if str(name) == RANDOM:
-        return random_room(rng, difficulty)
+    if str(name) in DRAWN:
+        return random_room(rng, difficulty, is_twofold=str(name) == TWOFOLD)
     if str(name) not in _KNOWN:
         _KNOWN[str(name)] = Place(name)
     return _KNOWN[str(name)]
@@ -171,10 +174,10 @@ def _check_place(place: object) -> None:
     """Raises ValueError, naming the keyword, for what is no place and names none."""
     if isinstance(place, str | Path):
         try:
-            if place != RANDOM:
+            if place not in DRAWN:
                 place_path(str(place))
         except ValueError as error:
-            raise ValueError(f"place: {error}, or {RANDOM}") from None
+            raise ValueError(f"place: {error}, or {' or '.join(DRAWN)}") from None
     elif not isinstance(place, Place):
         raise ValueError(f"place: a name, the path of an MJCF file, or a Place, not {place!r}")
 

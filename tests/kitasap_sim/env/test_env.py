@@ -47,7 +47,16 @@ VARIANTS = [
     {"beams": 181, "laser": "rplidar_a2"},
     {"control": "wheels"},
     {"place": "symmetric_room", "odometry": "rough_floor"},
+    {"place": "twofold", "difficulty": 1.0},
     VARIED,
+]
+CHECKED = [
+    pytest.param(
+        keywords,
+        marks=[] if keywords in ({}, VARIED) else pytest.mark.slow,
+        id="-".join(keywords) or "plain",
+    )
+    for keywords in VARIANTS
 ]
 
 
@@ -78,24 +87,18 @@ def same(one: list, other: list) -> bool:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize(
-    "keywords",
-    [
-        pytest.param(keywords, marks=[] if keywords in ({}, VARIED) else pytest.mark.slow)
-        for keywords in VARIANTS
-    ],
-    ids=lambda keywords: "-".join(keywords) or "plain",
-)
+@pytest.mark.parametrize("keywords", CHECKED)
 def test_gymnasium_s_checker_finds_nothing(env_id, keywords):
     check_env(task(env_id, **keywords), skip_render_check=True)
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_checker_of_stable_baselines_finds_nothing(env_id):
+@pytest.mark.parametrize("keywords", CHECKED)
+def test_checker_of_stable_baselines_finds_nothing(env_id, keywords):
     checker = pytest.importorskip(
         "stable_baselines3.common.env_checker", reason="the extra rl is not installed"
     )
-    checker.check_env(gymnasium.make(env_id, **VARIED), skip_render_check=True)
+    checker.check_env(gymnasium.make(env_id, **keywords), skip_render_check=True)
 
 
 def test_importing_the_package_registers_without_mujoco_or_open3d():
