@@ -17,7 +17,7 @@ from experiments.beliefs import BeliefReward
 from experiments.policies import Policy, checked, policy
 from experiments.statistics import wilson_interval
 from kitasap_sim.env.base import KitasapEnv
-from kitasap_sim.env.variation import RANDOM
+from kitasap_sim.env.variation import DRAWN
 
 _EPISODES_FILE, _SUMMARY_FILE = "episodes.jsonl", "summary.json"
 _FRAME_STEPS = 2
@@ -52,9 +52,11 @@ class DriveConfig:
         env: gymnasium.Env = gymnasium.make(task_id, render_mode=render_mode, **keywords)
         assert isinstance(env.unwrapped, KitasapEnv)
         place = self.place or env.unwrapped.DEFAULT_PLACE
-        if self.difficulty is not None and place != RANDOM:
+        if self.difficulty is not None and place not in DRAWN:
             env.close()
-            raise ValueError(f"difficulty changes nothing of {place}: it is of place {RANDOM}")
+            raise ValueError(
+                f"difficulty changes nothing of {place}: it is of place {' or '.join(DRAWN)}"
+            )
         # the reward is of what is believed, which the simulator does not know
         return BeliefReward(env) if self.task == "Relocalize" else env
 

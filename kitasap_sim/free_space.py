@@ -98,12 +98,17 @@ def flooded(is_open: np.ndarray, seeds: np.ndarray) -> np.ndarray:
 
 def way_down(steps: np.ndarray, cell: np.ndarray) -> np.ndarray:
     """(W, 2) cells from a cell (2,) to the nearest seed, by the steps that `steps_to` counted."""
-    way = [np.array(cell)]
-    neighbours = np.array([[-1, 0], [0, -1], [0, 1], [1, 0]])
-    while (left := steps[tuple(way[-1])]) > 0:
-        around = way[-1] + neighbours
-        around = around[((around >= 0) & (around < steps.shape)).all(axis=1)]
-        way.append(around[steps[tuple(around.T)] == left - 1][0])
+    # one cell at a time, in plain numbers: NumPy takes thirty times as long for four of them
+    rows, columns = steps.shape
+    counts, (i, j) = steps.item, np.asarray(cell).tolist()
+    way, left = [(i, j)], counts(i, j)
+    while left > 0:
+        left -= 1
+        around = (i - 1, j), (i, j - 1), (i, j + 1), (i + 1, j)
+        for i, j in around:
+            if 0 <= i < rows and 0 <= j < columns and counts(i, j) == left:
+                break
+        way.append((i, j))
     return np.array(way)
 
 

@@ -53,13 +53,14 @@ class Place:
 
     Expected of a file: static geoms, a floor at z = 0 or none (one is added), and, if it is to
     say where the robot starts, a site `start` whose x axis is the robot's.
+    is_file: it was read from a file, not made by a program.
     Raises ValueError, in one line, if there is no such place or it cannot be used.
     """
 
     def __init__(self, name_or_path: str | Path) -> None:
         self.name = str(name_or_path)
         self.path = place_path(self.name)
-        self._is_file = True
+        self.is_file = True
         self._take(read_place(self.path, self.name))
 
     @classmethod
@@ -69,7 +70,7 @@ class Place:
         Raises ValueError, in one line, if it cannot be used.
         """
         place = cls.__new__(cls)
-        place.name, place.path, place._is_file = name, Path(name), False
+        place.name, place.path, place.is_file = name, Path(name), False
         place._take(spec)
         return place
 
@@ -78,7 +79,7 @@ class Place:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """For another process: it reads the file again; of what a program made, seven digits."""
-        if self._is_file:
+        if self.is_file:
             return Place, (self.name,)
         return _remade, (self._spec.to_xml(), self.name, self.path, self.start)
 

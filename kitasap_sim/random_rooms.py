@@ -36,8 +36,14 @@ _FRAME_XML = f"""
 """
 
 
-def random_room(rng: np.random.Generator, difficulty: float = 0.5) -> Place:
+def random_room(
+    rng: np.random.Generator, difficulty: float = 0.5, *, is_twofold: bool = False
+) -> Place:
     """A room of 5 to 7 m by as much; its lower left inner corner is the origin.
+
+    is_twofold: each thing and partition stands there twice, turned by half a turn about the room's
+    middle, but for one more thing: who does not see that one, or where it is not, cannot tell the
+    room's ends apart.
 
     difficulty: 0, four bare walls, to 1: three things on 10 m2, and up to two partitions with doors of
     1.1 to 1.5 m. A quarter of the floor at least can be reached. The name tells nothing of the
@@ -47,10 +53,10 @@ def random_room(rng: np.random.Generator, difficulty: float = 0.5) -> Place:
         raise ValueError(f"a difficulty lies between 0 and 1, not {difficulty}")
     for _ in range(_TRIES):
         size_m = rng.uniform(*_SIDES_M, 2)
-        spec = _furnished(size_m, difficulty, rng)
+        spec = _furnished(size_m, difficulty, rng, is_twofold)
         if not _add_start(spec, size_m, rng):
             continue
-        place = Place.of_mjcf(_as_read(spec), "random")
+        place = Place.of_mjcf(_as_read(spec), "twofold" if is_twofold else "random")
         free_m2 = len(place.free_centres_m) * place.free_cell_m**2
         if free_m2 >= _LEAST_FREE * float(np.prod(size_m)):
             return place
@@ -69,7 +75,9 @@ def _as_read(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     return read
 
 
-def _furnished(size_m: np.ndarray, difficulty: float, rng: np.random.Generator) -> mujoco.MjSpec:
+def _furnished(
+    size_m: np.ndarray, difficulty: float, rng: np.random.Generator, is_twofold: bool
+) -> mujoco.MjSpec:
     spec = mujoco.MjSpec.from_string(_FRAME_XML)
     spec.modelname = "random_room"
     width_m, depth_m = size_m.tolist()
@@ -89,10 +97,21 @@ def _furnished(size_m: np.ndarray, difficulty: float, rng: np.random.Generator) 
         (width_m + _WALL_M / 2, depth_m / 2, _WALL_M / 2, depth_m / 2),
     ):
         _add_wall(spec, x, y, half_x, half_y)
-    for _ in range(rng.binomial(2, difficulty / 2)):
+    walls, times = len(spec.worldbody.geoms), 2 if is_twofold else 1
+    for _ in range(rng.binomial(2 // times, difficulty / 2)):
         _add_partition(spec, size_m, rng)
-    for _ in range(round(difficulty * _THINGS_PER_M2 * width_m * depth_m)):
+    for _ in range(round(difficulty * _THINGS_PER_M2 * width_m * depth_m / times)):
         _add_thing(spec, size_m, rng)
+    if is_twofold:
+        for geom in spec.worldbody.geoms[walls:]:
+            (x, y, z), kind = geom.pos, geom.type
+            spec.worldbody.add_geom(
+                type=kind, pos=[width_m - x, depth_m - y, z], quat=geom.quat, size=geom.size,
+                rgba=geom.rgba,
+            )  # fmt: skip
+        # beside all else, else it may be hidden and nothing tells the ends apart
+        spots_m = rng.uniform(_INSIDE_M, size_m - _INSIDE_M, (_SPOTS, 2))
+        _add_thing(spec, size_m, rng, spots_m[_room_m(spec, spots_m, size_m).argmax()])
     return spec
 
 
@@ -118,9 +137,14 @@ def _add_partition(spec: mujoco.MjSpec, size_m: np.ndarray, rng: np.random.Gener
             _add_wall(spec, *(place if axis == 0 else (middle, at_m, half, _WALL_M / 2)))
 
 
-def _add_thing(spec: mujoco.MjSpec, size_m: np.ndarray, rng: np.random.Generator) -> None:
-    """A box or a pillar anywhere, turned anyhow."""
-    x, y = rng.uniform(_INSIDE_M, size_m - _INSIDE_M)
+def _add_thing(
+    spec: mujoco.MjSpec,
+    size_m: np.ndarray,
+    rng: np.random.Generator,
+    at_m: np.ndarray | None = None,
+) -> None:
+    """A box or a pillar at a spot (2,), or anywhere, turned anyhow."""
+    x, y = rng.uniform(_INSIDE_M, size_m - _INSIDE_M) if at_m is None else at_m
     heading, is_round = rng.uniform(-math.pi, math.pi), rng.random() < 0.3
     half_x, half_y = rng.uniform(*_WIDTHS_M, 2) / 2
     radius_m, height_m = rng.uniform(*_RADII_M), rng.uniform(*_HEIGHTS_M)
@@ -140,6 +164,14 @@ def _add_thing(spec: mujoco.MjSpec, size_m: np.ndarray, rng: np.random.Generator
 def _add_start(spec: mujoco.MjSpec, size_m: np.ndarray, rng: np.random.Generator) -> bool:
     """A site where the robot has most room, of some spots that are drawn; whether it has any."""
     spots_m = rng.uniform(0.0, size_m, (_SPOTS, 2))
+    room_m = _room_m(spec, spots_m, size_m)
+    best = int(room_m.argmax())
+    spec.worldbody.add_site(name=names.START, pos=[*spots_m[best], 0.0], size=[0.02] * 3)
+    return bool(room_m[best] > KITASAP2.radius_m + 0.1)
+
+
+def _room_m(spec: mujoco.MjSpec, spots_m: np.ndarray, size_m: np.ndarray) -> np.ndarray:
+    """(K,) how far spots (K, 2) are from all that stands in the room, 0 and less within it."""
     room_m = np.minimum(spots_m, size_m - spots_m).min(axis=1)
     for geom in spec.worldbody.geoms[1:]:  # without the floor
         away_m, (c, _, _, s) = spots_m - geom.pos[:2], geom.quat
@@ -150,6 +182,4 @@ def _add_start(spec: mujoco.MjSpec, size_m: np.ndarray, rng: np.random.Generator
         else:
             off_m = np.hypot(*np.maximum(across_m - geom.size[:2], 0.0).T)
         room_m = np.minimum(room_m, off_m)
-    best = int(room_m.argmax())
-    spec.worldbody.add_site(name=names.START, pos=[*spots_m[best], 0.0], size=[0.02] * 3)
-    return bool(room_m[best] > KITASAP2.radius_m + 0.1)
+    return room_m

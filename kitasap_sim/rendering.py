@@ -12,6 +12,7 @@ import numpy as np
 
 from kitasap_sim import names
 from kitasap_sim.moments import Moment
+from kitasap_sim.places import Place
 from kitasap_sim.simulation import Simulation
 
 _BEAM_STRIDE = 6
@@ -222,11 +223,16 @@ def _camera(simulation: Simulation, name: str | View | None) -> mujoco.MjvCamera
         camera.type = mujoco.mjtCamera.mjCAMERA_FIXED.value
         camera.fixedcamid = cameras.index(name)
         return camera
-    lower, upper = simulation.place.bounds_m
+    look_from_above(camera, simulation.place)
+    return camera
+
+
+def look_from_above(camera: mujoco.MjvCamera, place: Place) -> None:
+    """Sets a camera so that it sees the whole place, over its walls."""
+    lower, upper = place.bounds_m
     camera.lookat = [*(lower + upper) / 2, 0.0]
     camera.distance = 1.3 * float(np.hypot(*(upper - lower)))
     camera.azimuth, camera.elevation = 90.0, -60.0
-    return camera
 
 
 def _add_beams(

@@ -61,7 +61,8 @@ class Simulation:
     laser None leaves the beams out. rng: all noise of the sensors and the floor's bumps.
     people: so many walk about, seen by the beams; their ways come from a generator spawned from
     rng, so all else is drawn as without them. moved_m: pieces of furniture that stand (dx, dy) [m]
-    from where `place` and its map have them; `world` is the place as it really is.
+    from where `place` and its map have them; `world` is the place as it really is. pose: where it
+    stands at first, as of `reset`.
     Raises ValueError for an unknown name, a place that cannot be used or too many people for it.
     """
 
@@ -74,6 +75,7 @@ class Simulation:
         rng: np.random.Generator,
         people: int = 0,
         moved_m: Mapping[str, tuple[float, float]] | None = None,
+        pose: np.ndarray | None = None,
     ) -> None:
         if people < 0:
             raise ValueError(f"people are 0 or more, not {people}")
@@ -98,7 +100,7 @@ class Simulation:
         self._steps_per_tick = max(1, round(TICK_S / self.timestep_s))
         self._watcher: Callable[[Simulation], None] | None = None
         self._rest = self._settled()
-        self.reset()
+        self.reset(pose)
 
     @property
     def time_s(self) -> float:

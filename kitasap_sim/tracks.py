@@ -17,6 +17,7 @@ _STEP_M = 0.6
 _TURN_M = 0.3
 """Chosen: corners are rounded for the feet over half a step on either side."""
 _WAYPOINTS_APART_M = 1.0
+_SPOTS_AT_ONCE = 1000
 
 
 @dataclass(frozen=True)
@@ -106,11 +107,18 @@ class Tracks:
     def __init__(self, place: Place, count: int, rng: np.random.Generator) -> None:
         self._place = place
         self._made: dict[tuple[int, int], Track] = {}
-        left_m = rng.permutation(place.free_centres_m)
+        spots_m = rng.permutation(place.free_centres_m)
         chosen: list[np.ndarray] = []
-        while len(left_m) and len(chosen) < count:
-            chosen.append(left_m[0])
-            left_m = left_m[np.hypot(*(left_m - left_m[0]).T) >= _WAYPOINTS_APART_M]
+        # in parts: the first few hundred spots give as many waypoints as are asked for
+        for first in range(0, len(spots_m), _SPOTS_AT_ONCE):
+            left_m = spots_m[first : first + _SPOTS_AT_ONCE]
+            for waypoint_m in chosen:
+                left_m = _apart(left_m, waypoint_m)
+            while len(left_m) and len(chosen) < count:
+                chosen.append(left_m[0])
+                left_m = _apart(left_m, left_m[0])
+            if len(chosen) == count:
+                break
         if len(chosen) < 2:
             raise ValueError(f"place {place.name} is too small for people to walk in")
         self._waypoints_m = np.array(chosen)
@@ -139,4 +147,9 @@ class Tracks:
 
 
 def _points(points_m: np.ndarray) -> tuple[Point, ...]:
-    return tuple((x, y) for x, y in points_m.tolist())
+    return tuple(map(tuple, points_m.tolist()))
+
+
+def _apart(spots_m: np.ndarray, waypoint_m: np.ndarray) -> np.ndarray:
+    """Those of spots (K, 2) that are far enough from a waypoint (2,)."""
+    return spots_m[np.hypot(*(spots_m - waypoint_m).T) >= _WAYPOINTS_APART_M]

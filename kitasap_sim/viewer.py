@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import mujoco
-import numpy as np
 from mujoco.studio import launch_thread, messages, plugin, web_viewer
 from mujoco.studio.dear_imgui import dear_imgui as imgui
 from mujoco.studio.viewer_protocol import ViewerConfig, run_viewer_loop
 
 from kitasap_sim.overlay import Overlay, Wanted
-from kitasap_sim.rendering import decorate
+from kitasap_sim.rendering import decorate, look_from_above
 from kitasap_sim.simulation import Simulation
 from kitasap_sim.window import Window
 
@@ -54,10 +53,7 @@ class Panel(plugin.ViewerPlugin):
         """Looks at the whole place from above, at first."""
         viewer = self.viewer
         viewer.vis_options.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER.value] = 0
-        lower, upper = self._simulation.place.bounds_m
-        viewer.camera.lookat = [*(lower + upper) / 2, 0.0]
-        viewer.camera.distance = 1.3 * float(np.hypot(*(upper - lower)))
-        viewer.camera.azimuth, viewer.camera.elevation = 90.0, -60.0
+        look_from_above(viewer.camera, self._simulation.place)
         self._scene = mujoco.MjvScene(event.model, maxgeom=_MOST_GEOMS)
 
     @messages.handler

@@ -3,7 +3,10 @@
 Studio's own window needs Python 3.12; this one is told of keys pressed, and not of keys let go.
 """
 
+import atexit
+import threading
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 
 import glfw
@@ -11,13 +14,15 @@ import mujoco
 import mujoco.viewer
 
 from kitasap_sim.overlay import Overlay, Wanted
-from kitasap_sim.rendering import decorate
+from kitasap_sim.rendering import decorate, look_from_above
 from kitasap_sim.simulation import Simulation
 
 KEYS = "arrow keys: faster, slower, left, right    Enter: stop    K: kidnap"
 _SPEED_MPS, _TURN_RADPS = 0.1, 0.2
 """What each press adds."""
 _MOST_MPS, _MOST_RADPS = 0.3, 0.8
+_CLOSING_S = 5.0
+"""Chosen: a window that takes longer to close is given up."""
 
 
 class Window:
@@ -27,12 +32,8 @@ class Window:
         _check_display()
         self.wanted = Wanted()
         self._simulation, self._overlay = simulation, Overlay()
-        self._handle = mujoco.viewer.launch_passive(
-            simulation.model, simulation.data, key_callback=self.press,
-            show_left_ui=False, show_right_ui=False,
-        )  # fmt: skip
-        with self._handle.lock():
-            self._handle.opt.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER.value] = 0
+        self._viewer = Viewer(simulation, simulation.data, self.press)
+        self._handle = self._viewer.handle
 
     def is_running(self) -> bool:
         """Until it is closed."""
@@ -55,7 +56,7 @@ class Window:
 
     def close(self) -> None:
         """Closes it; again does nothing."""
-        self._handle.close()
+        self._viewer.close()
 
     def press(self, key: int) -> None:
         """Takes a key that was pressed, a number of GLFW's."""
@@ -75,11 +76,49 @@ def _held(value: float, most: float) -> float:
     return round(min(max(value, -most), most), 6)
 
 
-def _check_display() -> None:
-    """MuJoCo would wait for ever for a window that cannot be opened."""
+class Viewer:
+    """MuJoCo's viewer in a window, on the whole of a simulation's place from above, without panels
+    and its own drawing of the beams. data: of the simulation, or a copy; on_key: told of each key.
+
+    handle: MuJoCo's own.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        data: mujoco.MjData,
+        on_key: Callable[[int], None] | None = None,
+    ) -> None:
+        before = threading.enumerate()
+        self.handle = mujoco.viewer.launch_passive(
+            simulation.model, data, key_callback=on_key, show_left_ui=False, show_right_ui=False
+        )
+        self._threads = [one for one in threading.enumerate() if one not in before]
+        # who ends without closing it: before MuJoCo's own, which does not wait
+        atexit.register(self.close)
+        with self.handle.lock():
+            self.handle.opt.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER.value] = 0
+            look_from_above(self.handle.cam, simulation.place)
+
+    def close(self) -> None:
+        """Closes it; again does nothing."""
+        atexit.unregister(self.close)
+        self.handle.close()
+        # what still draws while Python ends, ends it by a fault
+        for thread in self._threads:
+            thread.join(_CLOSING_S)
+
+
+def why_not() -> str | None:
+    """Why no window can be opened, None if one can. The viewer itself would not say: it waits for
+    ever, or ends the whole process."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         is_there = bool(glfw.init())
-    if not is_there:
-        why = "; ".join(str(one.message) for one in said[:1])
+    return None if is_there else "; ".join(str(one.message) for one in said[:1])
+
+
+def _check_display() -> None:
+    why = why_not()
+    if why is not None:
         raise RuntimeError(f"no window can be opened ({why}): add --browser to see it there")

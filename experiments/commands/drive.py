@@ -20,7 +20,8 @@ def drive(
     place: Annotated[
         str | None,
         typer.Option(
-            help="A place by name, a path, or random: a new room each time; default: the task's."
+            help="A place by name, a path, or random or twofold, a new room each time; default:"
+            " the task's."
         ),
     ] = None,
     difficulty: Annotated[float | None, typer.Option(help="Of random rooms, 0 to 1.")] = None,

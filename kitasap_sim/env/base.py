@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,10 +13,10 @@ from gymnasium import spaces
 from kitasap_sim.encoders import DeadReckoning
 from kitasap_sim.env.bumper import Bumper
 from kitasap_sim.env.checks import finite_numbers
+from kitasap_sim.env.keywords import KeepsSpec, laser_of
 from kitasap_sim.env.motors import CONTROL_S, CONTROLS, Motors, checked_action
 from kitasap_sim.env.variation import RANDOM, Span, Variation, beams_of
 from kitasap_sim.laser import LaserSpec, measured_ranges
-from kitasap_sim.laser import laser as laser_preset
 from kitasap_sim.places import Place
 from kitasap_sim.robot import KITASAP2
 from kitasap_sim.simulation import Simulation
@@ -26,6 +26,8 @@ _FASTEST = (1.5, 6.0)
 _FARTHEST_M = 1000.0
 SCAN_M = 30.0
 """A scan tells of nothing beyond it, however far the laser sees. Chosen."""
+MOST_BEAMS = 4096
+"""Chosen: more than any laser sold has; a million would take more memory than there is."""
 
 COLLISION_COST = 5.0
 """Chosen: more than any episode's way is worth."""
@@ -35,7 +37,7 @@ SUCCESS_REWARD = 5.0
 Observation = dict[str, np.ndarray]
 
 
-class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
+class KitasapEnv(KeepsSpec, gymnasium.Env[Observation, np.ndarray]):
     """Base of the tasks: Kitasap2 driven at 20 Hz in a place, by what its sensors tell.
 
     ## Action: Box(-1, 1, (2,), float32)
@@ -69,8 +71,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
     ## Keywords
 
     `place`: a name, the path of an MJCF file, a `Place`, or several to draw from; "random" is a new
-    room in each episode. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many of whose
-    view, range and noise, each fired once in a step. `control`. `people`: who walk about.
+    room in each episode, "twofold" one that looks alike from both ends but for one thing. `difficulty`: of random rooms, 0 to 1. `beams`, `laser`: how many (up to
+    4096) of whose view, range and noise, each fired once in a step; a name, or a `LaserSpec`. `control`. `people`: who walk about.
     Domain randomisation: `difficulty`, `people`, `friction` of the tires (0.8), `wheel_radii`
     (share by which each is truly larger, 0, at most 0.05), `laser_noise` (times the laser's sigma,
     1) and `latency_s` (0) take one value, or (low, high) between which each episode draws its own.
@@ -96,7 +98,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         place: str | Path | Place | Sequence[str | Path | Place] | None = None,
         difficulty: Span = 0.5,
         beams: int = 60,
-        laser: str | LaserSpec = "urg_04lx",
+        laser: str | LaserSpec | Mapping[str, Any] = "urg_04lx",
         control: str = "twist",
         people: Span = 0,
         odometry: str = "as_built",
@@ -119,11 +121,10 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             wheel_radii, laser_noise, latency_s,
         )  # fmt: skip
         # as it is sold, by which it is known; and as it is here, with beams of its own
-        self.sold_laser = laser_preset(laser) if isinstance(laser, str) else laser
-        if not isinstance(self.sold_laser, LaserSpec):
-            raise ValueError(f"laser: a name or a LaserSpec, not {laser!r}")
-        if isinstance(beams, bool) or not isinstance(beams, int | np.integer) or beams < 1:
-            raise ValueError(f"beams: a whole number of at least 1, not {beams!r}")
+        self.sold_laser = laser_of(laser)
+        is_whole = isinstance(beams, int | np.integer) and not isinstance(beams, bool)
+        if not is_whole or not 1 <= beams <= MOST_BEAMS:
+            raise ValueError(f"beams: a whole number from 1 to {MOST_BEAMS}, not {beams!r}")
         self.laser = beams_of(self.sold_laser, beams, CONTROL_S)
         self._range_m = scan_range_m(self.laser)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -137,6 +138,7 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
             }
         )
         self._sim: Simulation | None = None
+        self._place: Place | None = None
         self._renderer: Any = None
         self._is_picture_old = False
 
@@ -179,8 +181,8 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
 
     @property
     def place(self) -> Place:
-        """Of this episode."""
-        return self.simulation.place
+        """Of this episode. Raises RuntimeError before a reset."""
+        return self._place if self._place is not None else self.simulation.place
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -198,20 +200,19 @@ class KitasapEnv(gymnasium.Env[Observation, np.ndarray]):
         try:
             return self._begun(options)
         except Exception:  # whatever it was goes on up; half begun this is no episode
-            self._sim = None
+            self._sim = self._place = None
             raise
 
     def _begun(self, options: dict[str, Any]) -> tuple[Observation, dict[str, Any]]:
         """What `reset` says, once its options are known to be some."""
         drawn = self.variation.drawn(self.laser, self.np_random, options.get("place"))
-        self._sim, self._beams = drawn.simulation, drawn.beams
-        self._noise = drawn.noise
-        self._motors = Motors(self._sim, self.control, drawn.lag_steps)
-        self._bumper = Bumper(self._sim)
+        self._place, self._beams, self._noise = drawn.place, drawn.beams, drawn.noise
         # closed by who draws the next one: OpenGL is the thread's that drew before
         self._is_picture_old = True
         pose = self._begin(options)
-        self._sim.reset(pose)
+        self._sim = drawn.simulation(pose)
+        self._motors = Motors(self._sim, self.control, drawn.latency_s)
+        self._bumper = Bumper(self._sim)
         self._pose = _wrapped(np.asarray(pose, dtype=float))
         self._start = self._pose.copy()
         self._reckoning = DeadReckoning(self._pose, self._sim.wheel_ticks())

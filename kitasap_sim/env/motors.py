@@ -24,13 +24,14 @@ MAX_WHEEL_RADPS = (MAX_SPEED_MPS + MAX_TURN_RATE_RADPS * _HALF_TRACK_M) / KITASA
 class Motors:
     """Drive the robot of one episode, which is at rest, by one action after the other.
 
-    control: one of CONTROLS. lag_steps: physics steps after which a command reaches the wheels.
+    control: one of CONTROLS. latency_s: after which a command reaches the wheels.
     """
 
-    def __init__(self, simulation: Simulation, control: str, lag_steps: int) -> None:
-        self._simulation, self._control, self._lag_steps = simulation, control, lag_steps
+    def __init__(self, simulation: Simulation, control: str, latency_s: float) -> None:
+        self._simulation, self._control = simulation, control
         self._timestep_s = simulation.timestep_s
         self._count = round(CONTROL_S / self._timestep_s)
+        self._lag_steps = round(latency_s / self._timestep_s)
         self._command = (0.0, 0.0)
         self._waiting: deque[tuple[int, np.ndarray]] = deque()
         self._steps = 0

@@ -1,13 +1,13 @@
 """Pictures of an episode: drawn only for who asks, and without changing what comes next."""
 
+import copy
 import math
-import os
-import sys
 import time
 from collections.abc import Sequence
 from typing import Any
 
 import gymnasium
+import mujoco
 import numpy as np
 
 from kitasap_sim.env.motors import CONTROL_S
@@ -30,7 +30,10 @@ class Picture:
         self._viewer: Any = None
         self._renderer: Renderer | None = None
         if is_shown:
-            self._viewer = _window(simulation)
+            # of its own: who drags the robot by the mouse does not move it, and opening the window
+            # computes anew what the next step begins with
+            self._shown = copy.copy(simulation.data)
+            self._viewer = _window(simulation, self._shown)
         else:
             self._renderer = Renderer(simulation, size_px=SIZE_PX, beam_stride=1)
 
@@ -39,11 +42,12 @@ class Picture:
         if self._renderer is not None:
             return self._renderer.drawn(beams_m, marks)
         if self._viewer is not None:
-            scene = self._viewer.user_scn
-            with self._viewer.lock():
-                scene.ngeom = 0
-                decorate(scene, self._simulation, self._simulation.data, beams_m, marks, 1)
-            self._viewer.sync()
+            handle, simulation = self._viewer.handle, self._simulation
+            with handle.lock():
+                mujoco.mj_copyData(self._shown, simulation.model, simulation.data)
+                handle.user_scn.ngeom = 0
+                decorate(handle.user_scn, simulation, self._shown, beams_m, marks, 1)
+            handle.sync()
             self._wait()
         return None
 
@@ -62,19 +66,15 @@ class Picture:
             self._viewer.close()
 
 
-def _window(simulation: Simulation) -> Any:
-    """MuJoCo's viewer; None, with a warning, where there is no display."""
-    # without one, the viewer would end the whole process
-    if sys.platform == "linux" and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
+def _window(simulation: Simulation, data: mujoco.MjData) -> Any:
+    """MuJoCo's viewer; None, with a warning, where no window can be opened."""
+    # loads the viewer, which nobody needs who looks at no window
+    from kitasap_sim.window import Viewer, why_not
+
+    why = why_not()
+    if why is not None:
         gymnasium.logger.warn(
-            "render_mode='human' needs a display, and there is none: nothing is shown; 'rgb_array'"
-            " needs none"
+            f"render_mode='human' needs a display ({why}): nothing is shown; 'rgb_array' needs none"
         )
         return None
-    from mujoco import viewer
-
-    return viewer.launch_passive(
-        simulation.model, simulation.data, show_left_ui=False, show_right_ui=False
-    )
+    return Viewer(simulation, data)

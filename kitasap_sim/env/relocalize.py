@@ -19,7 +19,9 @@ class RelocalizeEnv(KitasapEnv):
 
     ## Action, keywords, observation and info: see `KitasapEnv`
 
-    `place` is "symmetric_room" by default: it looks the same from two sides.
+    `place` is "symmetric_room" by default: it looks the same from two sides. So does "twofold", a
+    new room in each episode. In any other a robot that stands still is certain of its pose with its
+    first scans, as a rule: there is nothing to be chosen.
 
     ## Reward: the sum of `reward_terms`
 

@@ -14,7 +14,7 @@ from kitasap_sim.laser import LaserSpec
 from kitasap_sim.place_files import place_path
 from kitasap_sim.places import Place
 from kitasap_sim.random_rooms import random_room
-from kitasap_sim.robot import odometry_preset
+from kitasap_sim.robot import OdometryPreset, odometry_preset
 from kitasap_sim.simulation import Simulation
 
 Span = float | Sequence[float]
@@ -22,6 +22,9 @@ Span = float | Sequence[float]
 
 RANDOM = "random"
 """The place that is a new room in each episode."""
+TWOFOLD = "twofold"
+"""The same, of rooms that look alike from both ends but for one thing."""
+DRAWN = (RANDOM, TWOFOLD)
 
 _LAST_BEAM = 0.7
 """Of a control period, when the last beam is fired: as of a URG-04LX."""
@@ -30,12 +33,26 @@ _LAST_BEAM = 0.7
 @dataclass(frozen=True)
 class Drawn:
     """One episode's world. beams: the laser as it is on this robot; noise: what its errors are
-    drawn from. lag_steps: physics steps after which a command reaches the motors."""
+    drawn from. latency_s: after which a command reaches the motors."""
 
-    simulation: Simulation
+    place: Place
     beams: LaserSpec
     noise: np.random.Generator
-    lag_steps: int
+    latency_s: float
+    preset: OdometryPreset
+    people: int
+    friction: float | None
+    world: np.random.Generator
+
+    def simulation(self, pose: np.ndarray) -> Simulation:
+        """The world with the robot at rest at a pose (3,): once, since people are drawn with it."""
+        simulation = Simulation(
+            self.place, self.beams, self.preset, rng=self.world, people=self.people, pose=pose
+        )
+        if self.friction is not None:
+            for tire in names.TIRES:
+                simulation.model.geom(tire).friction[0] = self.friction
+        return simulation
 
 
 @dataclass(frozen=True)
@@ -106,11 +123,10 @@ class Variation:
         )
         sigmas = tuple((at_m, noise * sigma_m) for at_m, sigma_m in beams.sigma_at_m)
         beams = replace(beams, sigma_at_m=sigmas if noise > 0.0 else ())
-        simulation = Simulation(place, beams, preset, rng=world, people=int(people))
-        if self.friction is not None:
-            for tire in names.TIRES:
-                simulation.model.geom(tire).friction[0] = friction
-        return Drawn(simulation, beams, errors, round(latency_s / simulation.timestep_s))
+        return Drawn(
+            place, beams, errors, latency_s, preset, int(people),
+            None if self.friction is None else friction, world,
+        )  # fmt: skip
 
     def _places(self) -> Sequence[str | Path | Place]:
         if isinstance(self.place, str | Path | Place) or not isinstance(self.place, Iterable):
@@ -125,8 +141,8 @@ _KNOWN: dict[str, Place] = {}
 def _place(name: str | Path | Place, difficulty: float, rng: np.random.Generator) -> Place:
     if isinstance(name, Place):
         return name
-    if str(name) == RANDOM:
-        return random_room(rng, difficulty)
+    if str(name) in DRAWN:
+        return random_room(rng, difficulty, is_twofold=str(name) == TWOFOLD)
     if str(name) not in _KNOWN:
         _KNOWN[str(name)] = Place(name)
     return _KNOWN[str(name)]
@@ -158,10 +174,10 @@ def _check_place(place: object) -> None:
     """Raises ValueError, naming the keyword, for what is no place and names none."""
     if isinstance(place, str | Path):
         try:
-            if place != RANDOM:
+            if place not in DRAWN:
                 place_path(str(place))
         except ValueError as error:
-            raise ValueError(f"place: {error}, or {RANDOM}") from None
+            raise ValueError(f"place: {error}, or {' or '.join(DRAWN)}") from None
     elif not isinstance(place, Place):
         raise ValueError(f"place: a name, the path of an MJCF file, or a Place, not {place!r}")
 

@@ -10,12 +10,14 @@ from itertools import chain
 from typing import Any, ClassVar
 
 import numpy as np
+from gymnasium.error import ClosedEnvironmentError
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import iterate
 
 from kitasap_sim.env.base import KitasapEnv
 from kitasap_sim.env.explore import ExploreEnv
 from kitasap_sim.env.goto import GoToEnv
+from kitasap_sim.env.keywords import KeepsSpec
 from kitasap_sim.env.motors import checked_action
 from kitasap_sim.env.relocalize import RelocalizeEnv
 from kitasap_sim.env.track import TrackEnv
@@ -24,13 +26,19 @@ _SWITCH_S = 5e-5
 """Chosen: a tenth of a step's physics; Python's own 5 ms are those of ten steps."""
 
 _Step = tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]
+_Last = tuple[dict[str, np.ndarray], dict[str, Any]]
+"""Observation and info with which an episode ended that began anew in the same step."""
 
 
-class KitasapVectorEnv(SyncVectorEnv):
+class KitasapVectorEnv(KeepsSpec, SyncVectorEnv):
     """What `SyncVectorEnv` of the same task gives, to the bit, on all cores of the machine.
 
     `gymnasium.make_vec("Kitasap2/GoTo-v0", num_envs=64)` makes it. threads: as many as cores by
-    default. An episode that ended begins anew with the next step, as Gymnasium's own do by default.
+    default. An episode that ended begins anew as `autoreset_mode` says, one of Gymnasium's or its
+    name: with the next step ("NextStep", as Gymnasium's own do by default), with the same one,
+    which then has its last observation and info as `final_obs` and `final_info` ("SameStep"), or by
+    `reset(options={"reset_mask": ...})` alone ("Disabled"). It is a keyword like any other, here,
+    and one in `vector_kwargs` with `sync` and `async`.
     Lists of pictures, `rgb_array_list`, are made by Gymnasium's wrapper: with `sync` and `async`.
     """
 
@@ -41,6 +49,7 @@ class KitasapVectorEnv(SyncVectorEnv):
         num_envs: int = 1,
         max_episode_steps: int | None = None,
         threads: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         **keywords: Any,
     ) -> None:
         """keywords: of the task. Raises ValueError for values that make no sense."""
@@ -48,13 +57,16 @@ class KitasapVectorEnv(SyncVectorEnv):
             raise ValueError(f"num_envs, threads: 1 or more, not {num_envs}, {threads}")
         if max_episode_steps is not None and max_episode_steps < 1:
             raise ValueError(f"max_episode_steps: 1 or more, not {max_episode_steps}")
+        modes = [mode.value for mode in AutoresetMode]
+        if getattr(autoreset_mode, "value", autoreset_mode) not in modes:
+            raise ValueError(f"autoreset_mode: {', '.join(modes)}, not {autoreset_mode!r}")
         self._tasks: list[KitasapEnv] = []
 
         def made() -> KitasapEnv:
             self._tasks.append(self.ENV(**keywords))
             return self._tasks[-1]
 
-        super().__init__([made] * num_envs, autoreset_mode=AutoresetMode.NEXT_STEP)
+        super().__init__([made] * num_envs, autoreset_mode=autoreset_mode)
         self._most = math.inf if max_episode_steps is None else max_episode_steps
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._threads = min(threads or os.cpu_count() or 1, num_envs)
@@ -75,7 +87,13 @@ class KitasapVectorEnv(SyncVectorEnv):
     def step(
         self, actions: Any
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One step of all. Raises ValueError for actions that are none, and nothing moves."""
+        """One step of all.
+
+        Raises ValueError for actions that are none, RuntimeError where one is over that only
+        `reset` begins anew, and ClosedEnvironmentError after `close`; nothing moves then.
+        """
+        if self.closed:
+            raise ClosedEnvironmentError("step() after close(): make the vector env anew")
         expected = f"actions: one for each of {self.num_envs} episodes"
         try:
             each = list(iterate(self.action_space, actions))
@@ -85,25 +103,35 @@ class KitasapVectorEnv(SyncVectorEnv):
             raise ValueError(f"{expected}, not {len(each)}")
         given = [checked_action(action) for action in each]
 
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._autoreset_envs.any():
+            over = np.flatnonzero(self._autoreset_envs).tolist()
+            raise RuntimeError(f"episodes {over} are over: reset them first, by `reset_mask`")
+
         # each thread takes the next that nobody has taken; what takes longest comes first
         left = iter(np.argsort(~self._autoreset_envs, kind="stable").tolist())
 
-        def work(_: int) -> list[tuple[int, _Step]]:
+        def work(_: int) -> list[tuple[int, tuple[_Step, _Last | None]]]:
             return [(i, self._stepped(i, given[i])) for i in left]
 
         with _patient():
             worked = self._pool.map(work, range(self._threads))
             taken = dict(chain.from_iterable(worked))
-        steps = [taken[i] for i in range(self.num_envs)]
+        steps = [taken[i][0] for i in range(self.num_envs)]
         observations, rewards, terminations, truncations, infos = zip(*steps, strict=True)
         self._terminations, self._truncations = np.array(terminations), np.array(truncations)
         self._autoreset_envs = self._terminations | self._truncations
         self._env_obs = list(observations)
         stacked = {key: np.stack([one[key] for one in observations]) for key in observations[0]}
+        told = _stacked(infos)
+        for i, (_, last) in taken.items():
+            if last is not None:
+                told = self._add_info(
+                    told, dict(zip(("final_obs", "final_info"), last, strict=True)), i
+                )
         return (
             stacked,
             np.array(rewards, dtype=np.float64), self._terminations.copy(),
-            self._truncations.copy(), _stacked(infos),
+            self._truncations.copy(), told,
         )  # fmt: skip
 
     def close_extras(self, **keywords: Any) -> None:
@@ -111,15 +139,20 @@ class KitasapVectorEnv(SyncVectorEnv):
         self._pool.shutdown()
         super().close_extras(**keywords)
 
-    def _stepped(self, i: int, action: np.ndarray) -> _Step:
+    def _stepped(self, i: int, action: np.ndarray) -> tuple[_Step, _Last | None]:
+        """What one episode's step gives; and how it ended, if the next one began with it."""
         task = self._tasks[i]
-        if self._autoreset_envs[i]:
+        if self._autoreset_envs[i] and self.autoreset_mode is AutoresetMode.NEXT_STEP:
             self._elapsed[i] = 0
             observation, info = task.reset()
-            return observation, 0.0, False, False, info
+            return (observation, 0.0, False, False, info), None
         self._elapsed[i] += 1
         observation, reward, is_over, is_late, info = task.step(action)
-        return observation, reward, is_over, is_late or bool(self._elapsed[i] >= self._most), info
+        is_late, last = is_late or bool(self._elapsed[i] >= self._most), None
+        if (is_over or is_late) and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            self._elapsed[i], last = 0, (observation, info)
+            observation, info = task.reset()
+        return (observation, reward, is_over, is_late, info), last
 
 
 class GoToVectorEnv(KitasapVectorEnv):

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 from kitasap_sim import Place, Simulation, kidnap
 from kitasap_sim.drive import Pilot
 from kitasap_sim.laser import laser
-from kitasap_sim.tracks import Track
+from kitasap_sim.tracks import Track, Tracks
 from tests.kitasap_sim.all_places import PLACES
 
 LEG_RADIUS_M = 0.055
@@ -197,3 +197,16 @@ def test_people_who_do_not_fit_are_refused_in_one_line(box_room):
             crowded(box_room, None, people=people)
         assert "\n" not in str(caught.value)
     assert crowded(box_room, None, people=0).people_m().shape == (0, 2, 2)
+
+
+def test_waypoints_are_those_of_the_obvious_loop():
+    place = Place("symmetric_room")
+    for count in (5, 60):  # 60: more than there is room for
+        left_m = np.random.default_rng(3).permutation(place.free_centres_m)
+        obvious = []
+        while len(left_m) and len(obvious) < count:
+            obvious.append(left_m[0])
+            left_m = left_m[np.hypot(*(left_m - left_m[0]).T) >= 1.0]
+        found = Tracks(place, count, np.random.default_rng(3))
+        np.testing.assert_array_equal(found._waypoints_m, obvious)
+        assert len(found) <= count

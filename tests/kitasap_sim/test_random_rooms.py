@@ -2,6 +2,7 @@
 
 import pickle
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -47,3 +48,20 @@ def test_room_that_was_sent_to_another_process_is_the_same_to_the_bit(seed):
         np.testing.assert_array_equal(getattr(room.model, name), getattr(there.model, name))
     np.testing.assert_array_equal(room.start, there.start)
     np.testing.assert_array_equal(room.free_centres_m, there.free_centres_m)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("difficulty", [0.0, 1.0])
+def test_all_but_one_thing_of_a_twofold_room_stands_there_twice(seed, difficulty):
+    room = random_room(np.random.default_rng(seed), difficulty, is_twofold=True)
+    model = room.model
+    solid = model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE
+    spots_m, sizes_m = model.geom_pos[solid][:, :2], model.geom_size[solid]
+    turned_m = 2.0 * model.stat.center[:2] - spots_m
+    apart_m = np.hypot(*(spots_m[:, None] - turned_m[None]).transpose(2, 0, 1))
+    is_like = np.abs(sizes_m[:, None] - sizes_m[None]).max(axis=2) < 1e-6
+    lone = ~((apart_m < 1e-4) & is_like).any(axis=1)
+    assert lone.sum() == 1
+    assert len(lone) % 2 == 1
+    # and can be seen: nothing else stands where its middle is
+    assert np.hypot(*(spots_m[~lone] - spots_m[lone]).T).min() > 0.25

@@ -136,6 +136,7 @@ class FakeHandle:
 
     def __init__(self, model, data, key_callback, **_):
         self.opt, self.user_scn = mujoco.MjvOption(), mujoco.MjvScene(model, 1000)
+        self.cam = mujoco.MjvCamera()
         self.press, self.texts, self.is_open, self.synced = key_callback, [], True, 0
 
     def lock(self):

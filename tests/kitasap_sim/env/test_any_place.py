@@ -86,7 +86,7 @@ def test_places_come_out_of_a_pickle_as_they_were():
         ({"place": 3}, "place: a name, the path of an MJCF file, or a Place, not 3"),
         # the robot would not stand as it should, which the reset of some episode would find
         ({"wheel_radii": (-0.1, 0.1)}, "wheel_radii: between -0.05 and 0.05"),
-        ({"beams": 60.5}, "beams: a whole number of at least 1, not 60.5"),
+        ({"beams": 60.5}, "beams: a whole number from 1 to 4096, not 60.5"),
         ({"laser": None}, "laser: a name or a LaserSpec, not None"),
     ],
 )

@@ -3,20 +3,29 @@
 import contextlib
 import subprocess
 import sys
-import types
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
 
 import gymnasium
 import mujoco
+import mujoco.viewer
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ClosedEnvironmentError
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 
 import kitasap_sim
+from kitasap_sim import window
 from kitasap_sim.env.base import KitasapEnv
 from kitasap_sim.env.explore import ExploreEnv
 from kitasap_sim.env.goto import GoToEnv
 from kitasap_sim.env.track import TrackEnv
+from kitasap_sim.laser import LASERS
+from kitasap_sim.people import People
 from kitasap_sim.places import Place
 from kitasap_sim.rendering import RenderingError, render
 from kitasap_sim.simulation import Simulation
@@ -38,7 +47,16 @@ VARIANTS = [
     {"beams": 181, "laser": "rplidar_a2"},
     {"control": "wheels"},
     {"place": "symmetric_room", "odometry": "rough_floor"},
+    {"place": "twofold", "difficulty": 1.0},
     VARIED,
+]
+CHECKED = [
+    pytest.param(
+        keywords,
+        marks=[] if keywords in ({}, VARIED) else pytest.mark.slow,
+        id="-".join(keywords) or "plain",
+    )
+    for keywords in VARIANTS
 ]
 
 
@@ -69,24 +87,18 @@ def same(one: list, other: list) -> bool:
 
 
 @pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize(
-    "keywords",
-    [
-        pytest.param(keywords, marks=[] if keywords in ({}, VARIED) else pytest.mark.slow)
-        for keywords in VARIANTS
-    ],
-    ids=lambda keywords: "-".join(keywords) or "plain",
-)
+@pytest.mark.parametrize("keywords", CHECKED)
 def test_gymnasium_s_checker_finds_nothing(env_id, keywords):
     check_env(task(env_id, **keywords), skip_render_check=True)
 
 
 @pytest.mark.parametrize("env_id", IDS)
-def test_checker_of_stable_baselines_finds_nothing(env_id):
+@pytest.mark.parametrize("keywords", CHECKED)
+def test_checker_of_stable_baselines_finds_nothing(env_id, keywords):
     checker = pytest.importorskip(
         "stable_baselines3.common.env_checker", reason="the extra rl is not installed"
     )
-    checker.check_env(gymnasium.make(env_id, **VARIED), skip_render_check=True)
+    checker.check_env(gymnasium.make(env_id, **keywords), skip_render_check=True)
 
 
 def test_importing_the_package_registers_without_mujoco_or_open3d():
@@ -114,6 +126,29 @@ def test_equal_seeds_give_equal_bytes_also_after_pickling_the_spec(env_id):
     assert not same(first, rollout(env, 40, seed=4))
 
 
+def test_a_spec_with_objects_for_keywords_is_json_and_made_again_is_the_same(tmp_path):
+    mine = tmp_path / "mine.xml"
+    mine.write_bytes(Path(Place("symmetric_room").path).read_bytes())
+    sharp = replace(LASERS["ust_10lx"], name="sharp", sigma_at_m=((1.0, 0.002), (5.0, 0.004)))
+    keywords = {
+        "place": (mine, Place("room_fig4"), "random"),
+        "laser": sharp,
+        "beams": np.int64(31),
+        "people": np.array([0, 1]),
+        "difficulty": (np.float32(0.25), 0.5),
+    }
+    env = gymnasium.make(IDS[0], **keywords)
+    copied = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    assert copied.unwrapped.sold_laser == sharp
+    assert same(rollout(env, 3), rollout(copied, 3))
+    vector = gymnasium.make_vec(IDS[0], 2, autoreset_mode=AutoresetMode.SAME_STEP, **keywords)
+    spec = EnvSpec.from_json(vector.spec.to_json())
+    again = gymnasium.make_vec(spec)
+    assert again.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    for env in (vector, again):
+        env.close()
+
+
 @pytest.mark.parametrize("mode", ["sync", "async", None])
 def test_vector_envs_give_what_single_ones_do(mode):
     keywords = {"difficulty": 0.3, "max_episode_steps": 15}
@@ -138,6 +173,66 @@ def test_vector_envs_give_what_single_ones_do(mode):
             assert (rewards[k], terminations[k], truncations[k]) == tuple(told)
             is_over[k] = told[1] or told[2]
     vector.close()
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.name)
+def test_native_vector_env_begins_anew_as_gymnasium_s_own(mode):
+    keywords = {"difficulty": 0.0, "max_episode_steps": 3}
+    native = gymnasium.make_vec(IDS[0], 3, autoreset_mode=mode.value, **keywords)
+    plain = gymnasium.make_vec(
+        IDS[0], 3, "sync", vector_kwargs={"autoreset_mode": mode}, **keywords
+    )
+    assert native.metadata["autoreset_mode"] is mode
+    envs, rng = (native, plain), np.random.default_rng(0)
+    both = [env.reset(seed=5) for env in envs]
+    anew, ended = np.array([True, False, False]), 0
+    for number in range(12):
+        assert told_alike(*both)
+        # the first one, once, so that it ends later than the others; then those that nobody resets
+        if number == 1 or (number > 1 and mode is AutoresetMode.DISABLED and anew.any()):
+            both = [env.reset(options={"reset_mask": anew.copy()}) for env in envs]
+            anew[:] = False
+            continue
+        actions = rng.uniform(-1, 1, (3, 2)).astype(np.float32)
+        both = [env.step(actions) for env in envs]
+        if number > 0:
+            anew = both[0][2] | both[0][3]
+            ended += int(anew.any())
+        for last in filter(None, both[0][4].get("final_obs", ())):
+            assert mode is AutoresetMode.SAME_STEP
+            assert native.single_observation_space.contains(last)
+    assert ended >= 3
+    native.close()
+    plain.close()
+
+
+def told_alike(one, other) -> bool:
+    """As `equal`, of what vector envs give: arrays of objects too."""
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        one, other = one.tolist(), other.tolist()
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(told_alike, one, other))
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(told_alike(one[k], other[k]) for k in one)
+    return bool(np.array_equal(one, other))
+
+
+def test_native_vector_env_says_what_it_cannot_do():
+    with pytest.raises(
+        ValueError, match="autoreset_mode: NextStep, SameStep, Disabled, not 'never'"
+    ):
+        gymnasium.make_vec(IDS[0], 2, autoreset_mode="never")
+    vector = gymnasium.make_vec(
+        IDS[0], 2, autoreset_mode="Disabled", difficulty=0.0, max_episode_steps=1
+    )
+    vector.reset(seed=0)
+    actions = np.zeros((2, 2), dtype=np.float32)
+    vector.step(actions)
+    with pytest.raises(RuntimeError, match=r"\[0, 1\] are over: reset them"):
+        vector.step(actions)
+    vector.close()
+    with pytest.raises(ClosedEnvironmentError, match=r"after close\(\)"):
+        vector.step(actions)
 
 
 @pytest.mark.parametrize("env_id", IDS)
@@ -303,12 +398,21 @@ def test_goal_is_in_the_picture():
     env.close()
 
 
-class Window:
+class Handle:
     """What MuJoCo's viewer has of interest here."""
 
-    def __init__(self, model, _data, **_):
+    def __init__(self, model, data, **_):
+        self.data = data
         self.user_scn = mujoco.MjvScene(model, maxgeom=500)
+        self.opt, self.cam = mujoco.MjvOption(), mujoco.MjvCamera()
         self.synced = 0
+        self.is_over = threading.Event()
+        self.drawing = threading.Thread(target=self._draw)
+        self.drawing.start()
+
+    def _draw(self):
+        self.is_over.wait()
+        time.sleep(0.05)  # its last picture
 
     def lock(self):
         return contextlib.nullcontext()
@@ -317,40 +421,54 @@ class Window:
         self.synced += 1
 
     def close(self):
-        self.user_scn = None
+        self.is_over.set()
 
 
 def test_window_shows_beams_and_goal_and_is_brought_up_to_date_each_step(monkeypatch):
-    viewer = types.ModuleType("mujoco.viewer")
-    viewer.launch_passive = Window
-    monkeypatch.setitem(sys.modules, "mujoco.viewer", viewer)
-    monkeypatch.setattr(mujoco, "viewer", viewer, raising=False)
-    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(window, "why_not", lambda: None)
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", Handle)
     env = GoToEnv(render_mode="human", place="symmetric_room")
     env.reset(seed=0)
-    window = env._renderer._viewer
+    shown = env._renderer._viewer.handle
     waits = []
     monkeypatch.setattr("kitasap_sim.env.picture.time.sleep", waits.append)
     for _ in range(3):
         env.step(FORWARD)
-    assert window.synced == 4
+    assert shown.synced == 4
     # people watch: it does not run faster than the robot
     assert len(waits) >= 2
     assert 0.0 < max(waits) <= 0.05
     # disc, pole and arrow of the goal, and nearly all 60 beams
-    assert 55 < window.user_scn.ngeom <= 63
+    assert 55 < shown.user_scn.ngeom <= 63
+    # what a mouse does to what is shown, the episode does not feel
+    data = env.simulation.data
+    assert np.array_equal(shown.data.qpos, data.qpos)
+    shown.data.xfrc_applied[:] = 100.0
+    assert not data.xfrc_applied.any()
+    # Python may end right after it: a window that still drew then would end it by a fault
     env.close()
-    assert window.user_scn is None
+    assert not shown.drawing.is_alive()
 
 
-def test_no_display_is_told_and_nothing_is_shown(monkeypatch):
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(sys, "platform", "linux")
-    env = GoToEnv(render_mode="human", place="symmetric_room")
-    with pytest.warns(UserWarning, match="needs a display"):
-        env.reset(seed=0)
-    assert env.render() is None
+@pytest.mark.skipif(sys.platform != "linux", reason="a display is told by DISPLAY")
+def test_no_display_or_one_that_does_not_answer_is_told_and_nothing_is_shown():
+    script = (
+        "import os, warnings\n"
+        "from kitasap_sim.env.goto import GoToEnv\n"
+        "os.environ.pop('WAYLAND_DISPLAY', None)\n"
+        "env = GoToEnv(render_mode='human', place='symmetric_room')\n"
+        "for display in ('', ':977'):\n"
+        "    os.environ['DISPLAY'] = display\n"
+        "    with warnings.catch_warnings(record=True) as said:\n"
+        "        warnings.simplefilter('always')\n"
+        "        env.reset(seed=0)\n"
+        "    assert env.render() is None\n"
+        "    print(said[0].message)\n"
+    )
+    # the viewer itself would end the process without a word to Python
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("render_mode='human' needs a display") == 2
 
 
 def test_list_of_pictures_is_collected():
@@ -384,6 +502,9 @@ def test_render_of_a_simulation_leaves_it_as_it_was():
         ({"difficulty": 1.5}, "difficulty"),
         ({"difficulty": (0.8, 0.2)}, "difficulty"),
         ({"beams": 0}, "beams"),
+        ({"beams": 10**7}, "beams: a whole number from 1 to 4096"),
+        ({"laser": {"name": "mine", "teeth": 3}}, "laser: the fields"),
+        ({"laser": 4}, "laser: a name"),
         ({"laser": "sonar"}, "no laser"),
         ({"control": "legs"}, "control"),
         ({"people": -1}, "people"),
@@ -479,6 +600,18 @@ def test_place_of_one_episode_is_an_option():
         assert env.place.name == getattr(name, "name", name)
     env.reset()
     assert env.place.name == "symmetric_room"
+
+
+def test_people_are_placed_once_for_an_episode(monkeypatch):
+    placed = []
+    reset = People.reset
+    monkeypatch.setattr(
+        People, "reset", lambda self, robot_m: (placed.append(robot_m), reset(self, robot_m))[1]
+    )
+    env = task(IDS[0], place="room_fig4", people=2)
+    _, info = env.reset(seed=0)
+    # their ways take longer than all else that a reset does
+    np.testing.assert_array_equal(placed, [info["pose_true"][:2]])
 
 
 def test_step_before_reset_says_so():
