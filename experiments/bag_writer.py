@@ -72,8 +72,15 @@ class BagWriter:
         finally:
             shutil.rmtree(self._unfinished)
 
-    def scan(self, logged_s: float, scan: LaserScan, limits_m: tuple[float, float]) -> None:
-        """/scan and /points, stamped by the first ray. limits_m: least and greatest range [m].
+    def scan(
+        self,
+        logged_s: float,
+        scan: LaserScan,
+        limits_m: tuple[float, float],
+        period_s: float = 0.0,
+    ) -> None:
+        """/scan and /points, stamped by the first ray. limits_m: least and greatest range [m];
+        period_s: from one scan to the next, 0 where it is not known.
 
         The points are those that came back, each with its time [s] since that stamp.
         """
@@ -89,7 +96,7 @@ class BagWriter:
             angle_max=float(angles_rad[-1]),
             angle_increment=step_rad,
             time_increment=interval_s,
-            scan_time=0.0,
+            scan_time=period_s,
             range_min=limits_m[0],
             range_max=limits_m[1],
             ranges=ranges_m.astype(np.float32),

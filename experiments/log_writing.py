@@ -110,6 +110,8 @@ class _Odometry:
         self._covariance = np.zeros((3, 3))
 
     def write(self, time_s: float, T_odom_base: SE2) -> None:
+        if self._before is not None and _is_same_stamp(self._before[0], time_s):
+            return  # tf2 complains of every transform that it has been told already
         velocity = np.zeros(3)
         if self._before is not None:
             before_s, T_before = self._before
@@ -120,3 +122,8 @@ class _Odometry:
                 velocity = motion.log() / (time_s - before_s)
         self._before = time_s, T_odom_base
         self._bag.odometry(time_s, T_odom_base, self._covariance, velocity)
+
+
+def _is_same_stamp(one_s: float, other_s: float) -> bool:
+    """Whether times are the same nanosecond, as a bag has them."""
+    return round(one_s * 1e9) == round(other_s * 1e9)

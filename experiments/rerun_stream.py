@@ -153,7 +153,7 @@ class RerunStream:
         """The map as cells."""
         rr = self._rr
         rows, columns = grid.cells.shape
-        # an image begins with its uppermost row
+        # an image begins with its uppermost row, and the viewer lays it upwards of the corner
         pixels = np.ascontiguousarray(np.flipud(grid.cells))
         origin = grid.T_map_grid
         self._log(

@@ -25,6 +25,8 @@ from slam.se2 import SE2
 from slam.verdict import Status
 
 _CELL_M = 0.025
+_MOST_CELLS_ALONG = 3000
+"""Chosen: Willow Garage has 2500; a hall of 200 m, 64 million cells otherwise, gets coarser ones."""
 _MARGIN_M = 0.2
 _WHEELS = [name.removeprefix(names.PREFIX) for name in names.WHEELS]
 
@@ -112,7 +114,7 @@ class TrialRecorder(TrialObserver):
             bag.wheels(time_s, _WHEELS, ticks * to_rad, delta * to_rad / passed_s)
             angles_rad = self._laser.angles_rad
             scan = LaserScan(time_s, angles_rad, frame.ranges_m, frame.beam_times_s)
-            bag.scan(time_s, scan, limits_m)
+            bag.scan(time_s, scan, limits_m, self._laser.period_s)
             bag.ground_truth(time_s, T_map_world @ SE2.from_array(seen.true_pose))
             found = SE2.from_array(poses[number]) if poses is not None else _believed(seen.outcome)
             if found is not None:
@@ -134,28 +136,31 @@ def grid_of_place(known: KnownPlace) -> OccupancyGrid:
     Of a map that the robot made itself, which may be open, only walls are known.
     """
     segments_m = known.segment_map.segments
-    cells = Grid.over(_bounds_m(segments_m.reshape(-1, 2)), _CELL_M, _MARGIN_M)
+    cells = _grid_over(segments_m.reshape(-1, 2))
     walls = cells.walls(segments_m)
     values = np.full(cells.shape, UNKNOWN, dtype=np.int8)
     if not known.is_made:
         values[flooded(~walls, cells.cells(known.place.start[None, :2]))] = FREE
     values[walls] = OCCUPIED
-    return OccupancyGrid(values.T, _CELL_M, _at(cells.origin_m))
+    return OccupancyGrid(values.T, cells.cell_m, _at(cells.origin_m))
 
 
 def _grid_of_points(points_m: np.ndarray) -> OccupancyGrid:
     """Cells with a point (K, 2) in them; of the others nothing is known."""
-    cells = Grid.over(_bounds_m(points_m), _CELL_M, _MARGIN_M)
+    cells = _grid_over(points_m)
     values = np.full(cells.shape, UNKNOWN, dtype=np.int8)
     values[tuple(cells.cells(points_m).T)] = OCCUPIED
-    return OccupancyGrid(values.T, _CELL_M, _at(cells.origin_m))
+    return OccupancyGrid(values.T, cells.cell_m, _at(cells.origin_m))
 
 
 def _at(point_m: np.ndarray) -> SE2:
     return SE2(point_m[0], point_m[1], 0.0)
 
 
-def _bounds_m(points_m: np.ndarray) -> np.ndarray:
-    if not len(points_m):
-        return np.zeros((2, 2))
-    return np.array([points_m.min(axis=0), points_m.max(axis=0)])
+def _grid_over(points_m: np.ndarray) -> Grid:
+    """Cells over points (K, 2) and what is around them, of which a large place gets larger ones."""
+    bounds_m = np.zeros((2, 2))
+    if len(points_m):
+        bounds_m = np.array([points_m.min(axis=0), points_m.max(axis=0)])
+    cell_m = max(_CELL_M, float(np.ptp(bounds_m, axis=0).max()) / _MOST_CELLS_ALONG)
+    return Grid.over(bounds_m, cell_m, _MARGIN_M)

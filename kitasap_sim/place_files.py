@@ -7,6 +7,13 @@ _FOLDER = files("models") / "places"
 _ENDINGS = (".xml", ".urdf", ".mjz", ".zip")
 """What MuJoCo reads; of others it complains on a line of its own."""
 
+_MADE_BY = {
+    ".yaml": "from-map (or from-plan)",
+    ".yml": "from-map (or from-plan)",
+    ".json": "from-houseexpo",
+}
+"""What makes a place of a file that is none."""
+
 
 def place_names() -> list[str]:
     """The names of the places that come with the project."""
@@ -26,7 +33,13 @@ def place_path(name: str) -> Path:
         return shipped
     path = Path(name)
     if path.is_file():
-        if path.suffix.lower() not in _ENDINGS:
+        end = path.suffix.lower()
+        if end in _MADE_BY:
+            raise ValueError(
+                f"place {name} is not a valid MJCF file: such end in .xml, and `kitasap world"
+                f" {_MADE_BY[end]}` makes one of a {end}"
+            )
+        if end not in _ENDINGS:
             raise ValueError(f"place {name} is not a valid MJCF file: such end in .xml")
         return path
     raise ValueError(f"no place called '{name}', nor a file; there are: {', '.join(place_names())}")

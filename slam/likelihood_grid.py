@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels.branch_and_bound import best_of_blocks, max_pooled
+from slam.near_cells import nearest_points, row_blocks
 from slam.se2 import SE2
 
 _MAX_BYTES = 120_000_000
@@ -93,14 +93,17 @@ class LikelihoodGrid:
         columns, rows = (inner + 2 * pad).tolist()
         x = lower[0] + (np.arange(columns) - pad + 0.5) * cell
         y = lower[1] + (np.arange(rows) - pad + 0.5) * cell
-        distances_m = _distances(wall_points, x, y, 4.0 * config.sigma_m)
-        values = np.exp(-0.5 * np.square(distances_m / config.sigma_m))
-        level = np.rint(255.0 * values).astype(np.uint8)
-        inside = slice(pad, pad + inner[1]), slice(pad, pad + inner[0])
-        xs, ys = np.meshgrid(x[inside[1]], y[inside[0]])
-        free = is_free(np.column_stack([xs.ravel(), ys.ravel()])).reshape(xs.shape)
-        opened = free.astype(np.uint8)
-        levels, is_open = [level], [opened]
+        level = np.zeros(rows * columns, dtype=np.uint8)
+        for cells, distances_m, _ in nearest_points(wall_points, x, y, 4.0 * config.sigma_m):
+            values = np.exp(-0.5 * np.square(distances_m / config.sigma_m))
+            level[cells] = np.rint(255.0 * values)
+        x, y = x[pad : pad + inner[0]], y[pad : pad + inner[1]]
+        opened = np.empty((len(y), len(x)), dtype=np.uint8)
+        for part in row_blocks(*opened.shape):
+            xs, ys = np.meshgrid(x, y[part])
+            free = is_free(np.column_stack([xs.ravel(), ys.ravel()]))
+            opened[part] = free.reshape(xs.shape)
+        levels, is_open = [level.reshape(rows, columns)], [opened]
         for k in range(config.top_level):
             levels.append(max_pooled(levels[-1], 1 << k))
             is_open.append(max_pooled(is_open[-1], 1 << k))
@@ -205,11 +208,3 @@ def spread(points: FloatArray, cell_m: float, max_points: int, reach_m: float) -
     if len(first) > max_points:
         first = first[np.linspace(0, len(first) - 1, max_points).astype(int)]
     return points[first]
-
-
-def _distances(points: FloatArray, x: FloatArray, y: FloatArray, reach_m: float) -> FloatArray:
-    """(rows, columns) distance of each cell's middle to the nearest point [m]; inf beyond reach."""
-    xs, ys = np.meshgrid(x, y)
-    middles = np.column_stack([xs.ravel(), ys.ravel()])
-    distances_m, _ = cKDTree(points).query(middles, distance_upper_bound=reach_m)
-    return np.asarray(distances_m).reshape(xs.shape)

@@ -282,7 +282,7 @@ def _decoded(path: Path) -> Image.Image:
         known = ", ".join(name.lower() for name in ("PGM", *_READ_FORMATS[1:]))
         raise ValueError(f"{path.name}: not an image of a known format ({known})") from error
     except Image.DecompressionBombError as error:
-        raise ValueError(f"{path.name}: {_TOO_LARGE}") from error
+        raise ValueError(f"{path.name}: far too many cells; {_TOO_LARGE}") from error
     except Exception as error:
         # the decoders raise what they like: OSError, SyntaxError, struct.error, zlib.error ...
         reason = " ".join(str(error).split())

@@ -20,6 +20,11 @@ from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
 
+_SQUARE_M = 1.6
+"""Chosen: 256 positions; a quarter or four times as many take as long."""
+_HALF_SQUARE_M = 1.0001 * math.sqrt(0.5) * _SQUARE_M
+"""From its middle to a corner, and above rounding."""
+
 FreeSpace = Callable[[FloatArray], BoolArray]
 """Says of positions (N, 2) [m], map frame, whether the robot may be there."""
 
@@ -237,11 +242,33 @@ def in_front_of(segment_map: SegmentMap, slack_m: float) -> FreeSpace:
     if not segment_map.is_one_sided:
         return lambda points: np.ones(len(points), dtype=np.bool_)
     samples, owners = segment_map.sampled(slack_m / 2.0)
-    tree = cKDTree(samples)
+    normals, tree = segment_map.normals[owners], cKDTree(samples)
+
+    def is_free_at(points: FloatArray) -> BoolArray:
+        _, nearest = tree.query(points)
+        return np.asarray(np.sum((points - samples[nearest]) * normals[nearest], axis=1) > -slack_m)
+
+    def of_square(middle: FloatArray, distance_m: float) -> int:
+        """1 where all of a square is free, 0 where none, -1 where that is to be looked at."""
+        # one of these is nearest, wherever in the square
+        near = tree.query_ball_point(middle, distance_m + 2.0 * _HALF_SQUARE_M)
+        in_front_m = np.sum((middle - samples[near]) * normals[near], axis=1) + slack_m
+        if in_front_m.min() > _HALF_SQUARE_M:
+            return 1
+        return 0 if in_front_m.max() < -_HALF_SQUARE_M else -1
 
     def is_free(points: FloatArray) -> BoolArray:
-        _, nearest = tree.query(points)
-        normals = segment_map.normals[owners[nearest]]
-        return np.asarray(np.sum((points - samples[nearest]) * normals, axis=1) > -slack_m)
+        # far from all walls each look takes long, and squares tell as much
+        squares = np.floor(points / _SQUARE_M).astype(np.int64)
+        _, first, of_point = np.unique(
+            squares[:, 0] * (1 << 32) + squares[:, 1], return_index=True, return_inverse=True
+        )
+        middles = (squares[first] + 0.5) * _SQUARE_M
+        distances_m = np.asarray(tree.query(middles)[0])
+        told = [of_square(*one) for one in zip(middles, distances_m.tolist(), strict=True)]
+        found = np.array(told, dtype=np.int64)[of_point]
+        is_open = found == 1
+        is_open[found < 0] = is_free_at(points[found < 0])
+        return is_open
 
     return is_free

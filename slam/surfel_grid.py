@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from slam.arrays import FloatArray
+from slam.near_cells import nearest_points
 from slam.segment_map import SegmentMap
 
 _MAX_CELLS = 16_000_000
@@ -56,31 +56,18 @@ class SurfelGrid:
         lower, upper = ends.min(axis=0) - reach_m, ends.max(axis=0) + reach_m
         area_m2 = float(np.prod(upper - lower))
         cell_m = max(cell_m, math.sqrt(area_m2 / _MAX_CELLS))
+        starts, sigmas = segment_map.segments[:, 0], np.maximum(segment_map.sigma_m, _LEAST_SIGMA_M)
         columns, rows = (np.ceil((upper - lower) / cell_m).astype(int) + 1).tolist()
-        nearest, is_near = _nearest_walls(segment_map, lower, rows, columns, cell_m, reach_m)
-        normals = segment_map.normals[nearest]
-        offsets = np.sum(normals * segment_map.segments[nearest, 0], axis=1)
+        points, owners = segment_map.sampled(cell_m / 2.0)
+        x = lower[0] + (np.arange(columns) + 0.5) * cell_m
+        y = lower[1] + (np.arange(rows) + 0.5) * cell_m
         surfels = np.zeros((rows * columns, 4), dtype=np.float32)
-        sigmas = np.maximum(segment_map.sigma_m[nearest], _LEAST_SIGMA_M)
-        surfels[is_near] = np.column_stack([normals, offsets, sigmas])[is_near]
+        for cells, _, nearest in nearest_points(points, x, y, reach_m):
+            walls = owners[nearest]
+            normals = segment_map.normals[walls]
+            surfels[cells, :2] = normals
+            surfels[cells, 2] = np.sum(normals * starts[walls], axis=1)
+            surfels[cells, 3] = sigmas[walls]
         return SurfelGrid(
             surfels, columns, lower, cell_m, segment_map.is_one_sided, segment_map.is_exact
         )
-
-
-def _nearest_walls(
-    segment_map: SegmentMap,
-    lower: FloatArray,
-    rows: int,
-    columns: int,
-    cell_m: float,
-    reach_m: float,
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """(rows * columns,) which wall is nearest to the middle of each cell, and whether in reach."""
-    points, owners = segment_map.sampled(cell_m / 2.0)
-    x = lower[0] + (np.arange(columns) + 0.5) * cell_m
-    y = lower[1] + (np.arange(rows) + 0.5) * cell_m
-    middles = np.column_stack([np.tile(x, rows), np.repeat(y, columns)])
-    distances_m, nearest = cKDTree(points).query(middles, distance_upper_bound=reach_m)
-    is_near = np.isfinite(distances_m)
-    return owners[np.where(is_near, nearest, 0)], is_near

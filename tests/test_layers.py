@@ -60,7 +60,8 @@ ONLY_IN = {
 }
 
 RANKS = (
-    {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files"} | {"yaml_files"},
+    {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files"}
+    | {"yaml_files", "near_cells"},
     {
         "measurements",
         "odometry",

@@ -50,4 +50,8 @@ def main(log_path: Path = EXCERPT, map_path: Path | None = None) -> Localizer:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:3]))
+    try:
+        main(*map(Path, sys.argv[1:3]))
+    except (ValueError, OSError, ImportError) as error:  # no log, no map: one line tells why
+        print(f"localise_own_log: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -15,6 +15,8 @@ from experiments.figures.canvas import colour, legend_below, saved
 from experiments.tables import title_of
 
 _LIMIT_CM = 4.0
+_MOST_COLUMNS = 3
+"""Chosen: six side by side cannot be read on paper, let alone on a phone."""
 
 
 def scatter(folder: Path) -> Path:
@@ -33,10 +35,15 @@ def scatter_drawn(folder: Path) -> Figure:
     with (folder / "trials.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["status"] == "ok"]
     methods = list(summary["methods"])
+    columns = min(len(methods), _MOST_COLUMNS)
+    rows_of_panels = -(-len(methods) // columns)
     figure, axes = plt.subplots(
-        1, len(methods), figsize=(3.4 * len(methods), 4.2), squeeze=False, layout="constrained"
-    )
-    for axis, method in zip(axes[0], methods, strict=True):
+        rows_of_panels, columns, figsize=(3.4 * columns, 3.8 * rows_of_panels + 0.5),
+        squeeze=False, layout="constrained",
+    )  # fmt: skip
+    for axis in axes.flat[len(methods) :]:
+        axis.set_visible(False)
+    for axis, method in zip(axes.flat, methods, strict=False):
         errors_cm = 100 * np.array(
             [
                 [float(row["x_error_m"]), float(row["y_error_m"])]
@@ -45,7 +52,8 @@ def scatter_drawn(folder: Path) -> Figure:
             ]
         ).reshape(-1, 2)
         _scatter_panel(axis, method, errors_cm, summary, poses)
-    axes[0][0].set_ylabel("error in Y [cm]")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("error in Y [cm]")
     figure.suptitle(f"{title_of(summary['experiment'], poses)}: estimated minus true position")
     legend_below(figure, axes[0][0], ncols=3)
     return figure

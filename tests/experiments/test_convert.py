@@ -17,6 +17,7 @@ from slam.map_files import read_map
 from slam.mapping import Mapper
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
+from slam.readers.bag_files import Bag
 from slam.readers.recognition import read_log
 from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.trajectory import Trajectory, read_tum, write_tum
@@ -67,6 +68,17 @@ def test_carmen_log_goes_to_a_bag_and_back(tmp_path):
     back = converted(bag, tmp_path / "fr101.clf.gz")
     assert gzip.decompress(back.read_bytes()).startswith(b"# ODOM")
     assert_same_log(back, LOG, has_times=False)
+
+
+def test_no_frame_is_told_twice_at_the_same_time(tmp_path):
+    # the scans of the log have the stamps of the odometry beside them
+    stamps_s = [record.time_s for record in read_log(LOG).records]
+    assert len(set(stamps_s)) < len(stamps_s)
+    bag = Bag(converted(LOG, tmp_path / "fr101.mcap"))
+    headers = [one.content.transforms[0].header for one in bag.messages(["/tf"])]
+    told = [(header.stamp.sec, header.stamp.nanosec) for header in headers]
+    assert told == sorted(set(told))
+    assert len(told) == len(set(stamps_s))
 
 
 def test_bag_goes_to_carmen_and_to_another_bag(tmp_path):

@@ -1,6 +1,8 @@
 """The worked examples run, and come to what they say."""
 
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -17,6 +19,16 @@ def test_own_log_is_mapped_and_followed_from_an_unknown_start(capsys):
     said = capsys.readouterr().out
     assert "the map is good" in said
     assert "tracking" in said
+
+
+def test_own_log_that_is_none_is_told_in_one_line(tmp_path):
+    junk = tmp_path / "robot.clf"
+    junk.write_text("no log")
+    command = [sys.executable, "-m", "experiments.examples.localise_own_log", str(junk)]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("localise_own_log: robot.clf: ")
 
 
 @pytest.mark.slow

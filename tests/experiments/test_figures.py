@@ -5,6 +5,7 @@ import math
 import re
 from dataclasses import replace
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -22,6 +23,7 @@ from experiments.figures import (
 )
 from experiments.figures.against_bound import _within_heading, _within_position
 from experiments.figures.over_time import _aligned
+from experiments.figures.paper_scatter import scatter_drawn
 from experiments.kidnap import run_trial
 from experiments.runs import Run
 from experiments.trials import TrialConfig, generator
@@ -74,6 +76,23 @@ def test_scatter_counts_what_lies_outside(tmp_path, run_trials):
     (folder / "trials.csv").write_text("\n".join([lines[0], *(",".join(r) for r in rows)]) + "\n")
     scatter(folder)
     assert "of 2 succeed, 1 off this picture" in (folder / "scatter.svg").read_text()
+
+
+def test_panels_of_five_methods_stand_in_two_rows(tmp_path):
+    names = ("odometry", "line", "paper", "open3d", "limit")
+    values = {"x_cm": {"mean": 1.0, "std": 1.0}, "y_cm": {"mean": 1.0, "std": 1.0}}
+    methods = {name: {"failures": 0} for name in names}
+    summary = {"experiment": "localization", "trials": 0, "methods": methods}
+    (tmp_path / "summary.json").write_text(json.dumps(summary | {"paper_values": values}))
+    (tmp_path / "config.json").write_text('{"config": {"poses": "paper"}}')
+    (tmp_path / "trials.csv").write_text("method,status,x_error_m,y_error_m\n")
+    figure = scatter_drawn(tmp_path)
+    width_in, height_in = figure.get_size_inches()
+    # side by side they were four times as wide as high, and shrunk to that on a page
+    assert width_in < 1.5 * height_in
+    shown = [axis for axis in figure.axes if axis.get_visible()]
+    assert [axis.get_title().split("\n")[0] for axis in shown] == list(names)
+    plt.close(figure)
 
 
 @pytest.mark.slow

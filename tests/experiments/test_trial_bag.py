@@ -20,7 +20,7 @@ from experiments.bag_writer import BagWriter, spatial
 from experiments.outputs import checked_bag
 from experiments.sources import DRIVE
 from experiments.tracking import NAME, run_trial
-from experiments.trial_bag import TrialRecorder
+from experiments.trial_bag import TrialRecorder, grid_of_place
 from experiments.trials import TrialConfig, generator
 from kitasap_sim.robot import KITASAP2
 from slam.measurements import LaserScan
@@ -131,6 +131,7 @@ def test_scan_is_stamped_by_its_first_ray_and_keeps_rep_117(bag):
         assert np.asarray(scan.ranges) == pytest.approx(frame.ranges_m, abs=1e-6, nan_ok=True)
         hit = np.isfinite(scan.ranges)
         assert (np.asarray(scan.ranges)[hit] <= scan.range_max).all()
+        assert scan.scan_time == pytest.approx(bag.recorder._laser.period_s)
         assert bag.of["/points"][0].ros_msg.point_step == 16
 
 
@@ -200,6 +201,25 @@ def test_map_is_free_where_the_robot_drives(bag):
         row = int((at.y - origin.y) / grid.info.resolution)
         column = int((at.x - origin.x) / grid.info.resolution)
         assert cells[row, column] == 0
+
+
+def test_map_of_a_hall_has_no_more_cells_than_a_viewer_takes():
+    corners = 400.0 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    walls = SimpleNamespace(segments=np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
+    grid = grid_of_place(SimpleNamespace(segment_map=walls, is_made=True))
+    assert max(grid.cells.shape) < 3010
+    assert grid.value_at(corners).tolist() == [100] * 4
+
+
+def test_who_comes_late_still_gets_the_map_and_the_mounting(bag):
+    """RViz and slam_toolbox ask for /map and /tf_static as transient local, which what is volatile
+    does not serve."""
+    kept = {"depth": 1, "durability": 1, "history": 1, "reliability": 1}
+    live = {"depth": 10, "durability": 2, "history": 1, "reliability": 1}
+    for topic, messages in bag.of.items():
+        (profile,) = yaml.safe_load(messages[0].channel.metadata["offered_qos_profiles"])
+        expected = kept if topic in ("/map", "/tf_static") else live
+        assert {key: profile[key] for key in expected} == expected, topic
 
 
 @pytest.mark.skipif(not (PROGRAMS / "evo_ape").exists(), reason="evo is not installed")

@@ -1,3 +1,4 @@
+import re
 from itertools import pairwise
 
 import mujoco
@@ -205,6 +206,9 @@ def test_a_users_place_is_loaded_by_path_and_its_errors_take_one_line(place_file
         assert "\n" not in str(caught.value)
     with pytest.raises(ValueError, match=r"not a valid MJCF file: such end in \.xml"):
         Place(place_file("a room", "room.txt"))
+    for end, makes in ((".yaml", "from-map (or from-plan)"), (".json", "from-houseexpo")):
+        with pytest.raises(ValueError, match=re.escape(f"`kitasap world {makes}` makes one")):
+            Place(place_file("image: room.pgm", f"room{end}"))
     blocked = FLOOR_AND_WALLS.format(floor="", more='<site name="start" pos="0.1 1 0"/>')
     with pytest.raises(ValueError, match=r"start .* room around it"):
         _ = Place(place_file(blocked)).free_centres_m

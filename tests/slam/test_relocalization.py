@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from slam.beams import Beams
 from slam.laser_model import LaserModel
@@ -18,6 +19,7 @@ from slam.segment_map import SegmentMap
 from slam.surfel_grid import SurfelGrid
 from tests.slam.synthetic import (
     CLUTTERED_ROOM,
+    ROOM_SEGMENTS,
     SYMMETRIC_ROOM,
     box,
     legs,
@@ -198,6 +200,31 @@ def test_in_front_of_one_sided_walls_is_free_and_inside_and_outside_is_not():
     # slack: 10 cm behind a wall still count
     assert is_free(np.array([[-0.09, 1.0]])).all()
     assert not is_free(np.array([[-0.11, 1.0]])).any()
+
+
+def one_by_one(walls: SegmentMap, slack_m: float, points: np.ndarray) -> np.ndarray:
+    """Whether the nearest piece of wall to each point shows it its open side."""
+    samples, owners = walls.sampled(slack_m / 2.0)
+    _, nearest = cKDTree(samples).query(points)
+    normals = walls.normals[owners[nearest]]
+    return np.sum((points - samples[nearest]) * normals, axis=1) > -slack_m
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_in_front_of_far_walls_is_told_by_squares_as_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    # a hall, and walls that enclose nothing: each free on one side as far as it is nearest
+    stray = rng.uniform(0.0, 30.0, (12, 2, 2))
+    stray[:, 1] = stray[:, 0] + rng.uniform(-2.0, 2.0, (12, 2))
+    hall = 10.0 * ROOM_SEGMENTS
+    points = rng.uniform(-15.0, 60.0, (1500, 2))
+    points[:500] = np.round(points[:500] / 1.6) * 1.6
+    for segments in (hall, stray, np.concatenate([hall, stray])):
+        walls = SegmentMap(segments, is_one_sided=True)
+        expected = one_by_one(walls, 0.1, points)
+        np.testing.assert_array_equal(in_front_of(walls, 0.1)(points), expected)
+        assert expected.any()
+        assert not expected.all()
 
 
 def test_in_front_of_walls_with_two_sides_is_everywhere():
