@@ -12,6 +12,7 @@ from experiments.commands import (
     drive,
     logs,
     reports,
+    shards,
     simulated,
     trajectories,
     view,
@@ -34,6 +35,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(simulated.run)
+app.command()(shards.merge)
 app.command()(simulated.trial)
 app.command()(simulated.picture)
 app.command()(view.view)
