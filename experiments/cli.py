@@ -14,6 +14,7 @@ from experiments.commands import (
     reports,
     shards,
     simulated,
+    sweep,
     trajectories,
     view,
     world,
@@ -36,6 +37,7 @@ app = typer.Typer(
 )
 app.command()(simulated.run)
 app.command()(shards.merge)
+app.command()(sweep.sweep)
 app.command()(simulated.trial)
 app.command()(simulated.picture)
 app.command()(view.view)
@@ -79,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
         goes_on = "; the same command goes on from here"
         command = (sys.argv[1:] if arguments is None else arguments)[:1]
-        is_run = command in (["run"], ["reproduce"])
+        is_run = command in (["run"], ["reproduce"], ["sweep"])
         print(f"\nkitasap: interrupted{goes_on if is_run else ''}", file=sys.stderr)
     return status if isinstance(status, int) else 0
 
