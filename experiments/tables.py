@@ -193,7 +193,7 @@ def sweep_table(told: dict[str, Any], rows: list[dict[str, Any]]) -> Table:
         table.add_column(escape(name), justify="right")
     table.add_column("method")
     for name in ("found", "95 %", "RMSE [mm]", "95 %", "wrong, believed"):
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right")
     for one in rows:
         for method, figures in one["methods"].items():
             table.add_row(*map(escape, one["values"].values()), method, *_sweep_cells(figures))
