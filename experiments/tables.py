@@ -185,7 +185,7 @@ def _number(value: float | None, digits: int) -> str:
 def sweep_table(told: dict[str, Any], rows: list[dict[str, Any]]) -> Table:
     """What came out for each combination. told: what the sweep is."""
     table = Table(
-        title=f"{TITLES[told['experiment']].split(' (')[0]}: what is varied",
+        title=f"{told['experiment']}, seed {told['seed']}: what is varied",
         caption=f"{told['interval']}. Equal seeds in all rows: the same random numbers.",
         box=box.SIMPLE_HEAD,
     )

@@ -1,6 +1,7 @@
 """The figure of a sweep: success and error over what is varied, with 95 % bands."""
 
 import json
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from experiments.figures.canvas import colour, legend_below, plain, saved
 
 _MARKERS = "os^Dvp*X"
 _SHADES = "viridis"
+_LETTERS_PER_INCH = 13.0
 
 
 def sweep_figure(folder: Path) -> Path:
@@ -22,8 +24,9 @@ def sweep_figure(folder: Path) -> Path:
     name, *others = sweep["varied"]
     methods = list(sweep["cells"][0]["methods"])
     columns = [[method] for method in methods] if others else [methods]
+    width = max(6.4, 3.6 * len(columns))
     figure, axes = plt.subplots(
-        2, len(columns), figsize=(max(6.4, 3.6 * len(columns)), 6.4), squeeze=False,
+        2, len(columns), figsize=(width, 6.4), squeeze=False,
         sharex=True, sharey="row", layout="constrained",
     )  # fmt: skip
     for column, shown in zip(axes.T, columns, strict=True):
@@ -34,7 +37,8 @@ def sweep_figure(folder: Path) -> Path:
         column[1].set_xlabel(plain(name))
     axes[0, 0].set_ylabel("success rate")
     axes[1, 0].set_ylabel("position RMSE [mm]")
-    figure.suptitle(f"{sweep['experiment']}: {plain(sweep['interval'])}", fontsize=9)
+    title = f"{sweep['experiment']}, seed {sweep['seed']}. {plain(sweep['interval'])}"
+    figure.suptitle(textwrap.fill(title, int(_LETTERS_PER_INCH * width)), fontsize=9)
     legend_below(figure, axes[0, 0], 4)
     return saved(figure, folder / "sweep")
 
