@@ -175,3 +175,23 @@ def test_shard_without_a_trial_is_no_mistake(shards, config, tmp_path, capsys):
     merged = ["merge", *(str(tmp_path / name) for name in "abc"), "--out", str(tmp_path / "out")]
     assert main(merged) == 0
     assert (tmp_path / "out/localization/trials.jsonl").read_bytes().count(b"\n") == 2
+
+
+@pytest.mark.slow
+def test_processes_four_shards_and_ray_give_equal_bytes(config, tmp_path):
+    pytest.importorskip("ray")
+    command = ["run", "localization", "--trials", "9", "--place", config.place, "--poses", "random"]
+    command += ["--method", "odometry,limit", "--out"]
+    assert main([*command, str(tmp_path / "pool"), "--jobs", "2"]) == 0
+    assert main([*command, str(tmp_path / "ray"), "--engine", "ray", "--jobs", "2"]) == 0
+    for number in "1234":
+        out = [str(tmp_path / number), "--jobs", "1", "--shard", f"{number}/4"]
+        assert main([*command, *out]) == 0
+    shards = [str(tmp_path / number) for number in "1234"]
+    assert main(["merge", *shards, "--out", str(tmp_path / "merged")]) == 0
+    for name in ("trials.jsonl", "trials.csv"):
+        pool, ray, merged = (
+            (tmp_path / way / "localization" / name).read_bytes()
+            for way in ("pool", "ray", "merged")
+        )
+        assert pool == ray == merged
