@@ -4,7 +4,9 @@ The simulator draws its noise from `kitasap_sim.laser`. That the two agree is ho
 user would set things up; `--mismatch` makes them differ.
 """
 
-from kitasap_sim.laser import LaserSpec
+from dataclasses import replace
+
+from kitasap_sim.laser import LaserSpec, laser
 from kitasap_sim.robot import KITASAP2
 from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
@@ -41,7 +43,26 @@ def assumed_mount_sigma(spec: LaserSpec) -> tuple[float, float, float]:
 
 
 def assumed_laser(name: str) -> LaserModel:
-    """The model of a laser by name. Raises ValueError, naming those there are, if there is none."""
-    if name not in ASSUMED_LASERS:
-        raise ValueError(f"no laser called '{name}'; there are: {', '.join(ASSUMED_LASERS)}")
-    return ASSUMED_LASERS[name]
+    """The model of a laser by name. Raises ValueError, naming those there are, if there is none.
+
+    What is changed of one that is sold (`urg_04lx:range_noise=2`) its user knows as well: the model
+    has its noise and its limits.
+    """
+    sold = name.partition(":")[0]
+    if sold not in ASSUMED_LASERS:
+        raise ValueError(f"no laser called '{sold}'; there are: {', '.join(ASSUMED_LASERS)}")
+    model = ASSUMED_LASERS[sold]
+    return model if name == sold else _assumed_of(laser(name), laser(sold), model)
+
+
+def _assumed_of(spec: LaserSpec, sold: LaserSpec, model: LaserModel) -> LaserModel:
+    """The model of the laser that is sold, as far as the other differs from that."""
+    if spec.sigma_at_m != sold.sigma_at_m:
+        factor = spec.sigma_at_m[0][1] / sold.sigma_at_m[0][1]
+        noise = RangeNoise(tuple((at, factor * s) for at, s in model.noise.sigma_at_m))
+        model = replace(model, noise=noise)
+    if spec.range_min_m != sold.range_min_m:
+        model = replace(model, range_min_m=spec.range_min_m)
+    if spec.range_max_m != sold.range_max_m:
+        model = replace(model, range_max_m=spec.range_max_m)
+    return model

@@ -12,7 +12,9 @@ from experiments.commands import (
     drive,
     logs,
     reports,
+    shards,
     simulated,
+    sweep,
     trajectories,
     view,
     world,
@@ -34,6 +36,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(simulated.run)
+app.command()(shards.merge)
+app.command()(sweep.sweep)
 app.command()(simulated.trial)
 app.command()(simulated.picture)
 app.command()(view.view)
@@ -77,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
         goes_on = "; the same command goes on from here"
         command = (sys.argv[1:] if arguments is None else arguments)[:1]
-        is_run = command in (["run"], ["reproduce"])
+        is_run = command in (["run"], ["reproduce"], ["sweep"])
         print(f"\nkitasap: interrupted{goes_on if is_run else ''}", file=sys.stderr)
     return status if isinstance(status, int) else 0
 

@@ -74,6 +74,13 @@ class TrialProgress(_Bar):
         if self._is_hidden and self._done % max(1, self._trials // 10) == 0:
             print(f"{self._name} {self._done} of {self._trials}: {self._text()}", file=sys.stderr)
 
+    def tell(self, line: str) -> None:
+        """Says what went wrong and was mended."""
+        if self._is_hidden:
+            print(f"{self._name}: {line}", file=sys.stderr)
+        else:
+            self._bar.console.print(f"{self._name}: {line}", markup=False, highlight=False)
+
     def compiling(self) -> None:
         """Says why nothing happens yet."""
         said = "loading what was compiled; the first run on a machine compiles it, some 30 s"

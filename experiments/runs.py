@@ -1,183 +1,203 @@
-"""Runs of many trials: in several processes, resumable, nothing finished ever lost."""
+"""Runs of many trials: by any engine, in shards, resumable, nothing finished ever lost."""
 
 import importlib
-import json
-import multiprocessing
-import os
-import signal
-import sys
-import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
-from experiments.map_statistics import mapping_summary
+from experiments.engines import Engine, Finished, Tell
+from experiments.json_lines import OtherRun
 from experiments.observer import NOBODY, TrialObserver
-from experiments.paper import PAPER_VALUES
-from experiments.provenance import commit, versions
-from experiments.recovery import recovery_figures
+from experiments.processes import local_engine
 from experiments.rehearsal import rehearse, told_if_long
-from experiments.statistics import samples_of, summarised, verdict_counts
-from experiments.trial_log import TrialLog, locked, write_atomically
+from experiments.run_files import difference, shard_of, write_config, write_summary
+from experiments.shards import WHOLE, Shard
+from experiments.trial_log import TrialLog, locked
 from experiments.trials import TrialConfig, config_hash, generator
 
 EXPERIMENTS = ("localization", "kidnap", "tracking", "mapping")
 
-Finished = tuple[int, dict[str, Any], dict[str, Any]]
-"""Index, record and timing of a trial."""
+
+class Enough(Protocol):
+    """When a run may end before all its trials are done."""
+
+    @property
+    def looks(self) -> Iterable[int]:
+        """After how many trials, the first ones, it is asked."""
+        ...
+
+    def __call__(self, records: Iterable[dict[str, Any]]) -> bool:
+        """Whether these trials are enough."""
+        ...
 
 
 @dataclass(frozen=True)
 class Run:
-    """A number of trials of one experiment, in one folder."""
+    """A number of trials of one experiment, in one folder.
+
+    shard: the part of them that is done here. again: trials that raised are done again. enough: ends
+    it earlier, by its first trials alone.
+    """
 
     experiment: str
     config: TrialConfig
     seed: int
     trials: int
     folder: Path
+    shard: Shard = WHOLE
+    again: bool = False
+    enough: Enough | None = None
 
     def execute(
         self,
-        jobs: int,
+        engine: Engine | int,
         on_trial: Callable[[int, dict[str, Any]], None],
         on_compiling: Callable[[], None] | None = None,
+        tell: Tell = lambda _: None,
     ) -> dict[str, Any]:
         """Does the trials that the folder does not hold yet; the content of `summary.json`.
 
-        on_trial: told of each trial's index and record, first of those done before. on_compiling:
-        told if the first has to wait for compiled code, by another thread.
+        engine: or a number of processes. on_trial: told of each trial's index and record, first of
+        those done before. on_compiling: told if the first has to wait for compiled code, by another
+        thread. tell: told in a line what went wrong and was mended.
         Raises ValueError for a configuration that cannot be run, or a folder that holds another or
         in which another run is at work.
         """
         self.check()
-        with locked(self.folder):
-            return self._execute_alone(jobs, on_trial, on_compiling)
+        if isinstance(engine, int):
+            engine = local_engine(engine)
+        with locked(self.folder), closing(self._log()) as log:
+            return self._execute_alone(log, engine, on_trial, on_compiling, tell)
 
     def check(self) -> None:
         """Raises ValueError as `execute` does, before anything is run."""
         experiment_module(self.experiment).checked(self.config)
         if self.folder.exists():
             with locked(self.folder):
-                self._log()
+                self._log(is_kept=True)
+                held = shard_of(self.folder) or self.shard
+                if self.shard not in (WHOLE, held):
+                    raise ValueError(
+                        f"{self.folder} holds {held.words} of this run, not {self.shard.words}:"
+                        " give each an --out of its own"
+                    )
+
+    def records(self) -> Iterator[dict[str, Any]]:
+        """What the log holds of the trials that were asked for, in their order."""
+        log = self._log(is_kept=True)
+        there = [index for index in self.shard.indices(self.trials) if index in log.trials]
+        return log.trials.records(there)
+
+    @property
+    def task(self) -> "TrialTask":
+        """What is done for each trial."""
+        return TrialTask(self.experiment, self.config, self.seed)
 
     def _execute_alone(
         self,
-        jobs: int,
+        log: TrialLog,
+        engine: Engine,
         on_trial: Callable[[int, dict[str, Any]], None],
         on_compiling: Callable[[], None] | None,
+        tell: Tell,
     ) -> dict[str, Any]:
         started_s = time.monotonic()
-        log = self._log()
-        self._write_config()
-        for index in sorted(log.records):
-            if index < self.trials:
-                on_trial(index, log.records[index])
-        missing = [index for index in range(self.trials) if index not in log.records]
-        if missing:
-            # here first, also where others do the trials: they load what was compiled
-            with told_if_long(on_compiling):
-                rehearse(self.experiment, self.config)
-        for index, record, timing in self._finished(missing, jobs):
-            log.append(index, record, timing)
+        if log.mended:
+            tell(log.mended)
+        write_config(self, log.config_hash, self.trials)
+        asked = list(self.shard.indices(self.trials))
+        if self.again:
+            _forget_raised(log, asked)
+        done = [index for index in asked if index in log.trials]
+        for index, record in zip(done, log.trials.records(done), strict=True):
             on_trial(index, record)
-        log.finish(self.trials)
-        return self._write_summary(log, time.monotonic() - started_s)
+        trials = self._do_missing(log, engine, on_trial, on_compiling, tell)
+        if trials < self.trials:
+            write_config(self, log.config_hash, trials)
+            asked = [index for index in asked if index < trials]
+        log.finish(asked)
+        return write_summary(self, log, asked, time.monotonic() - started_s)
 
-    def _finished(self, missing: list[int], jobs: int) -> Iterator[Finished]:
-        """The trials as they finish. Those under way at an interrupt are still handed out."""
-        job = (self.experiment, self.config, self.seed)
-        if min(jobs, len(missing)) <= 1:
-            yield from (recorded_trial(*job, index) for index in missing)
-            return
-        pool = ProcessPoolExecutor(
-            min(jobs, len(missing)),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_prepare_worker,
-            initargs=(self.experiment, self.config),
-        )
-        queue = iter(missing)
-        pending: set[Future[Finished]] = set()
+    def _do_missing(
+        self,
+        log: TrialLog,
+        engine: Engine,
+        on_trial: Callable[[int, dict[str, Any]], None],
+        on_compiling: Callable[[], None] | None,
+        tell: Tell,
+    ) -> int:
+        """How many of the first trials are there in the end: all, or as many as are enough."""
+        if all(index in log.trials for index in self.shard.indices(self.trials)):
+            return self._enough_of(log) or self.trials
+        # here first, also where others do the trials: they load what was compiled
+        with told_if_long(on_compiling):
+            rehearse(self.experiment, self.config)
+        with engine.at_work(self.task, log.config_hash, tell) as work:
+            for trials in self._stages:
+                asked = self.shard.indices(trials)
+                for index, record, timing in work([one for one in asked if one not in log.trials]):
+                    log.append(index, record, timing)
+                    on_trial(index, record)
+                if self._is_enough(log, trials):
+                    return trials
+        return self.trials
+
+    @property
+    def _stages(self) -> list[int]:
+        """After how many trials it may end."""
+        looks = [] if self.enough is None else self.enough.looks
+        return [*(look for look in looks if look < self.trials), self.trials]
+
+    def _enough_of(self, log: TrialLog) -> int | None:
+        return next((trials for trials in self._stages if self._is_enough(log, trials)), None)
+
+    def _is_enough(self, log: TrialLog, trials: int) -> bool:
+        return self.enough is not None and self.enough(log.trials.records(range(trials)))
+
+    def _log(self, *, is_kept: bool = False) -> TrialLog:
         try:
-            while True:
-                # no more are handed to the pool than it works on: an interrupt ends soon
-                while len(pending) < jobs and (index := next(queue, None)) is not None:
-                    with _interrupts_held():  # for a process that this may start
-                        pending.add(pool.submit(recorded_trial, *job, index))
-                if not pending:
-                    break
-                done, pending = wait(pending, return_when=FIRST_COMPLETED)
-                yield from (future.result() for future in done)
-        except KeyboardInterrupt:
-            done, _ = wait(pending)
-            yield from (future.result() for future in done)
-            raise
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
-
-    def _log(self) -> TrialLog:
-        return TrialLog(self.folder, self.experiment, self._config_hash)
+            return TrialLog(self.folder, self.experiment, self._config_hash, is_kept=is_kept)
+        except OtherRun as error:
+            how = difference(self)
+            raise ValueError(f"{error}{how}: choose another --out, or remove that folder") from None
 
     @property
     def _config_hash(self) -> str:
         return config_hash(self.experiment, self.config, self.seed)
 
-    def _write_config(self) -> None:
-        content = {
-            "experiment": self.experiment,
-            "config": asdict(self.config),
-            "config_hash": self._config_hash,
-            "seed": self.seed,
-            "trials": self.trials,
-            "versions": versions(),
-            "commit": commit(),
-            "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
-        }
-        write_atomically(self.folder / "config.json", json.dumps(content, indent=2) + "\n")
 
-    def _write_summary(self, log: TrialLog, wall_s: float) -> dict[str, Any]:
-        indices = [index for index in sorted(log.records) if index < self.trials]
-        records = [log.records[index] for index in indices]
-        counted = samples_of(records)
-        samples = [sample for sample in counted if sample["status"] == "ok"]
-        timings = [log.timings[index] for index in indices if index in log.timings]
-        summary = {
-            "experiment": self.experiment,
-            "trials": len(records),
-            "samples": len(samples),
-            "seed": self.seed,
-            "wall_s": round(wall_s, 3),
-            "cpu_s": round(sum(timing["cpu_s"] for timing in timings), 3),
-            "sim_s": round(sum(record.get("sim_s", 0.0) for record in records), 3),
-            "people_in_view": _mean(
-                [record["people_in_view"] for record in samples if "people_in_view" in record]
-            ),
-            "methods": self._of_methods(counted),
-            "paper_values": PAPER_VALUES.get(self.experiment),
-        }
-        if self.experiment == "tracking":
-            for name, figures in summary["methods"].items():
-                figures |= verdict_counts(records, name)
-        if self.experiment == "kidnap":
-            for name, figures in summary["methods"].items():
-                figures |= recovery_figures(records, timings, name)
-        write_atomically(self.folder / "summary.json", json.dumps(summary, indent=2) + "\n")
-        return summary
-
-    def _of_methods(self, records: list[dict[str, Any]]) -> dict[str, Any]:
-        if self.experiment == "mapping":
-            return mapping_summary(records, self.config.methods)
-        return summarised(records, self.config.methods)
+def _forget_raised(log: TrialLog, asked: list[int]) -> None:
+    done = [index for index in asked if index in log.trials]
+    raised = [
+        index
+        for index, record in zip(done, log.trials.records(done), strict=True)
+        if record["status"] != "ok"
+    ]
+    for index in raised:
+        log.trials.forget(index)
 
 
-def _mean(values: list[int]) -> float | None:
-    return sum(values) / len(values) if values else None
+@dataclass(frozen=True)
+class TrialTask:
+    """The trials of a run, by their indices, in whatever process."""
+
+    experiment: str
+    config: TrialConfig
+    seed: int
+
+    def prepare(self) -> str:
+        """Gets a process ready for the first trial; the hash that it would log trials under."""
+        rehearse(self.experiment, self.config)
+        return config_hash(self.experiment, self.config, self.seed)
+
+    def __call__(self, index: int) -> Finished:
+        """One trial's record and timing."""
+        return recorded_trial(self.experiment, self.config, self.seed, index)
 
 
 def experiment_module(name: str) -> ModuleType:
@@ -217,33 +237,3 @@ def recorded_trial(experiment: str, config: TrialConfig, seed: int, index: int) 
         }
     timing["cpu_s"] = round(time.process_time() - started_s, 6)
     return index, record, timing
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """A process started within never hears of Ctrl-C, not even in the second of its imports.
-
-    This one hears of it at the end: a mask is inherited, and it loses no signal.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-def _prepare_worker(experiment: str, config: TrialConfig) -> None:
-    """Leaves Ctrl-C to the parent, and does not outlive it, however it dies; then rehearses."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
-    rehearse(experiment, config)
-
-
-def _exit_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

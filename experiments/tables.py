@@ -180,3 +180,36 @@ def _pair(values: dict[str, Any], key: str) -> str:
 
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def sweep_table(told: dict[str, Any], rows: list[dict[str, Any]]) -> Table:
+    """What came out for each combination. told: what the sweep is."""
+    table = Table(
+        title=f"{told['experiment']}, seed {told['seed']}: what is varied",
+        caption=f"{told['interval']}. Equal seeds in all rows: the same random numbers.",
+        box=box.SIMPLE_HEAD,
+    )
+    for name in told["varied"]:
+        table.add_column(escape(name), justify="right")
+    table.add_column("method")
+    for name in ("found", "95 %", "RMSE [mm]", "95 %", "wrong, believed"):
+        table.add_column(escape(name), justify="right")
+    for one in rows:
+        for method, figures in one["methods"].items():
+            table.add_row(*map(escape, one["values"].values()), method, *_sweep_cells(figures))
+    return table
+
+
+def _sweep_cells(figures: dict[str, Any]) -> list[str]:
+    trials, rate, rmse_mm = figures["trials"], figures["success_rate"], figures["rmse_mm"]
+    return [
+        f"{rate * 100:.1f} % of {trials}",
+        f"{figures['success_low'] * 100:.1f} to {figures['success_high'] * 100:.1f}",
+        "-" if rmse_mm is None else f"{rmse_mm:.2f}",
+        _band(figures["rmse_mm_low"], figures["rmse_mm_high"]),
+        str(figures["confident_wrong"]),
+    ]
+
+
+def _band(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"{low:.2f} to {high:.2f}"

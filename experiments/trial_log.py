@@ -5,12 +5,14 @@ repetition to the next, so that the log itself is the same to the byte.
 """
 
 import csv
-import json
+import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from experiments.json_lines import TrialLines, replaced
 
 CSV_FIELDS = (
     *("index", "status", "method", "match", "success"),
@@ -28,63 +30,46 @@ MAP_FIELDS = (
 
 
 class TrialLog:
-    """The trials of one run in one folder, by their index.
+    """The trials of one run in one folder, by their index; `trials` and `timings` are their lines.
 
+    is_kept: nothing of the folder is changed. mended: what a crash had left and was cut off.
     Raises ValueError if the folder already holds trials of another configuration.
     """
 
-    def __init__(self, folder: Path, experiment: str, config_hash: str) -> None:
-        self.folder = folder
-        self._key = {"experiment": experiment, "config": config_hash}
+    def __init__(
+        self, folder: Path, experiment: str, config_hash: str, *, is_kept: bool = False
+    ) -> None:
+        self.folder, self.config_hash = folder, config_hash
+        key = {"experiment": experiment, "config": config_hash}
         self._fields = CSV_FIELDS + (MAP_FIELDS if experiment == "mapping" else ())
-        folder.mkdir(parents=True, exist_ok=True)
-        self.records = self._loaded(folder / "trials.jsonl")
-        self.timings = self._loaded(folder / "timings.jsonl")
+        if not is_kept:
+            folder.mkdir(parents=True, exist_ok=True)
+        self.trials = TrialLines(folder / "trials.jsonl", key, is_kept=is_kept)
+        self.timings = TrialLines(folder / "timings.jsonl", key, is_kept=is_kept)
+        self.mended = self.trials.mended
 
     def append(self, index: int, record: dict[str, Any], timing: dict[str, Any]) -> None:
         """Puts a finished trial on disk."""
-        self.timings[index] = self._key | {"index": index} | timing
-        _append_line(self.folder / "timings.jsonl", _line(self.timings[index]))
-        self.records[index] = self._key | {"index": index} | record
-        _append_line(self.folder / "trials.jsonl", _line(self.records[index]))
+        self.timings.append(index, timing)
+        self.trials.append(index, record)
 
-    def finish(self, trials: int) -> None:
-        """Brings the lines into the trials' order; writes `trials.csv` from the first ones."""
-        for name, lines in (("trials", self.records), ("timings", self.timings)):
-            text = "".join(_line(lines[index]) for index in sorted(lines))
-            write_atomically(self.folder / f"{name}.jsonl", text)
-        asked = [index for index in sorted(self.records) if index < trials]
-        rows = [row for index in asked for row in csv_rows(self.records[index])]
-        partial = self.folder / "trials.csv.partial"
-        with partial.open("w", newline="") as file:
-            writer = csv.DictWriter(file, self._fields, lineterminator="\n")
+    def finish(self, asked: Iterable[int]) -> None:
+        """Brings the lines into the trials' order; writes `trials.csv` from those asked for."""
+        self.timings.sort()
+        self.trials.sort()
+        there = [index for index in sorted(asked) if index in self.trials]
+        with replaced(self.folder / "trials.csv") as file:
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            writer = csv.DictWriter(text, self._fields, lineterminator="\n")
             writer.writeheader()
-            writer.writerows(rows)
-        partial.replace(self.folder / "trials.csv")
+            for record in self.trials.records(there):
+                writer.writerows(csv_rows(record))
+            text.detach()
 
-    def _loaded(self, path: Path) -> dict[int, dict[str, Any]]:
-        """The whole lines of a log; what a crash left of a last one is cut off."""
-        if not path.exists():
-            return {}
-        text = path.read_bytes()
-        whole = text[: text.rfind(b"\n") + 1]
-        if len(whole) < len(text):
-            with path.open("r+b") as file:
-                file.truncate(len(whole))
-        loaded: dict[int, dict[str, Any]] = {}
-        for number, line in enumerate(whole.splitlines(), start=1):
-            try:
-                record = json.loads(line)
-                key, index = {name: record[name] for name in self._key}, int(record["index"])
-            except (ValueError, KeyError, TypeError) as error:
-                raise ValueError(f"{path} line {number} is not a trial: {error!r}") from None
-            if key != self._key:
-                raise ValueError(
-                    f"{path.parent} holds trials of another configuration, seed or version of "
-                    "the code: choose another --out, or remove that folder"
-                )
-            loaded[index] = record
-        return loaded
+    def close(self) -> None:
+        """Nothing more is appended."""
+        self.timings.close()
+        self.trials.close()
 
 
 @contextmanager
@@ -118,21 +103,8 @@ def _lock(handle: int, folder: Path) -> None:
 
 def write_atomically(path: Path, text: str) -> None:
     """Writes a file so that at any moment there is the old one or the new one, whole."""
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("w") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
-
-
-def _append_line(path: Path, line: str) -> None:
-    with path.open("a") as file:
-        file.write(line)
-
-
-def _line(record: dict[str, Any]) -> str:
-    return json.dumps(record, allow_nan=False) + "\n"
+    with replaced(path) as file:
+        file.write(text.encode())
 
 
 def csv_rows(record: dict[str, Any]) -> list[dict[str, Any]]:

@@ -128,6 +128,11 @@ def _known_place(place: str, laser_name: str, map_spacing_m: float, is_made: boo
     return KnownPlace(Place(place), laser(laser_name), map_spacing_m, is_made)
 
 
+def forget_places() -> None:
+    """The places known so far are made anew when they are wanted: their maps are large."""
+    _known_place.cache_clear()
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What one method made of a trial: estimated minus true pose, and what it says of itself.
@@ -266,15 +271,23 @@ def config_hash(experiment: str, config: TrialConfig, seed: int) -> str:
 
     Lines of a trial log under another hash are never mixed with these.
     """
-    known = {
+    return _named(inputs(experiment, config, seed))
+
+
+def inputs(experiment: str, config: TrialConfig, seed: int) -> dict[str, Any]:
+    """All that the outcome of a run depends on; of files and code, digests of what they hold."""
+    return {
         "experiment": experiment,
         "seed": seed,
         "config": asdict(config),
-        "robot": asdict(KITASAP2),
+        "robot": _named(asdict(KITASAP2)),
         "place": config.known_place.place.digest,
         "code": _code_digest(),
     }
-    return hashlib.sha256(json.dumps(known, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _named(content: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 @cache

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from kitasap_sim.laser_changes import changed
 from kitasap_sim.range_errors import disturb, mix_pixels
 
 LOW_FRONT_M = (0.19, 0.0, 0.10)
@@ -230,7 +231,11 @@ LASERS: dict[str, LaserSpec] = {
 
 
 def laser(name: str) -> LaserSpec:
-    """The preset of that name. Raises ValueError, naming those there are, if there is none."""
-    if name not in LASERS:
-        raise ValueError(f"no laser called '{name}'; there are: {', '.join(LASERS)}")
-    return LASERS[name]
+    """The preset of that name, or one that differs from it: `urg_04lx:beams=181:range_noise=2`.
+
+    Raises ValueError, naming those there are, if there is none.
+    """
+    sold, *changes = name.split(":")
+    if sold not in LASERS:
+        raise ValueError(f"no laser called '{sold}'; there are: {', '.join(LASERS)}")
+    return changed(LASERS[sold], name, changes)

@@ -104,3 +104,18 @@ def env(
     from experiments.bench.env import print_benchmark
 
     print_benchmark(place, difficulty, seed)
+
+
+@app.command()
+def runner(
+    trials: Annotated[int, typer.Option(min=20, help="Kidnaps to anywhere.")] = 200,
+    empty: Annotated[int, typer.Option(min=100, help="Trials that do nothing.")] = 2000,
+    seed: Seed = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Keep the runs in this folder; the same command goes on.")
+    ] = None,
+) -> None:
+    """What the runner adds to a trial, how well two processes share the work, and memory."""
+    from experiments.bench.runner import print_benchmark
+
+    print_benchmark(trials, empty, seed, None if out is None else checked_beside_runs(out))

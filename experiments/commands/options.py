@@ -25,7 +25,7 @@ Laser = Annotated[
     str,
     typer.Option(
         help="The laser range sensor carried: urg_04lx, utm_30lx, ust_10lx, lms200, lms1xx, tim571,"
-        " rplidar_a1, rplidar_a2 or ld06."
+        " rplidar_a1, rplidar_a2 or ld06; or one with changes, as urg_04lx:beams=181:range_noise=2."
     ),
 ]
 Odometry = Annotated[str, typer.Option(help="ideal, as_built or rough_floor.")]
@@ -60,6 +60,27 @@ Seed = Annotated[int, typer.Option(min=0, help="Master seed of all random number
 Out = Annotated[Path, typer.Option(help="Folder of the results, one subfolder per experiment.")]
 Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; default: one per core.")]
 Trials = Annotated[int, typer.Option(min=1, help="How many.")]
+ShardPart = Annotated[
+    str | None,
+    typer.Option(
+        metavar="I/N",
+        help="Every N-th trial alone, from the I-th on; `kitasap merge` puts the parts together.",
+    ),
+]
+EngineName = Annotated[
+    str, typer.Option(help="Where trials are done: local (processes here), serial, or ray.")
+]
+EngineAddress = Annotated[
+    str | None,
+    typer.Option("--address", help="Of the Ray cluster; default: one is started on this machine."),
+]
+TrialLimit = Annotated[
+    float | None,
+    typer.Option(help="A trial that takes longer is stopped, and has failed [s]; default: none."),
+]
+Again = Annotated[
+    bool, typer.Option("--retry-failed", help="Trials that raised or were stopped are done again.")
+]
 
 Log = Annotated[Path, typer.Argument(help="A recorded log, gz or plain, or a ROS bag.")]
 ScanTopic = Annotated[

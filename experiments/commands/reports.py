@@ -37,8 +37,9 @@ def reproduce(
     show: Open = False,
 ) -> None:
     """Runs all of the paper's experiments as it did, and reports; the same command goes on."""
-    from experiments.commands.simulated import has_raised
+    from experiments.commands.execution import has_raised
     from experiments.outputs import checked_folder
+    from experiments.processes import local_engine
     from experiments.report.page import PAPER_EXPERIMENTS, check_out
     from experiments.runs import Run, experiment_module
 
@@ -50,7 +51,7 @@ def reproduce(
         checked_folder(each.folder)
         each.check()
     check_out(out / _NAME)
-    is_hurt = has_raised(runs, jobs)
+    is_hurt = has_raised(runs, local_engine(jobs))
     _written([each.folder for each in runs], out / _NAME, show)
     raise typer.Exit(1 if is_hurt else 0)
 

@@ -1,18 +1,19 @@
 """The commands on the simulated robot: experiments, one trial, a picture, calibration."""
 
 import json
-import os
 import sys
-from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from experiments.commands.options import (
     PAPER_TRIALS,
     RESULTS,
+    Again,
     Duration,
+    EngineAddress,
+    EngineName,
     Jobs,
     KnownMap,
     Laser,
@@ -24,6 +25,8 @@ from experiments.commands.options import (
     Poses,
     Rerun,
     Seed,
+    ShardPart,
+    TrialLimit,
     TrialPeople,
     TrialPlace,
     Trials,
@@ -33,7 +36,6 @@ from experiments.outputs import checked_bag, checked_file, checked_folder
 
 if TYPE_CHECKING:
     from experiments.film import TrialFilm
-    from experiments.runs import Run
     from experiments.trial_bag import TrialRecorder
     from experiments.trials import TrialConfig
 
@@ -54,6 +56,11 @@ def run(
     trials: Trials = PAPER_TRIALS,
     seed: Seed = 0,
     jobs: Jobs = None,
+    shard: ShardPart = None,
+    engine: EngineName = "local",
+    address: EngineAddress = None,
+    trial_timeout: TrialLimit = None,
+    retry_failed: Again = False,
     out: Out = RESULTS,
     poses: Poses = "paper",
     place: TrialPlace = None,
@@ -67,15 +74,23 @@ def run(
     duration: Duration = None,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
+    from experiments.commands.execution import has_raised
+    from experiments.engine_names import engine_named
     from experiments.runs import Run
+    from experiments.shards import WHOLE, Shard
 
     typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
-    runs = [Run(name, _config(name, *typed), seed, trials, out / name) for name in experiments]
+    part = WHOLE if shard is None else Shard.parsed(shard)
+    done_by = engine_named(engine, jobs, trial_timeout, address)
+    runs = [
+        Run(name, config_of(name, *typed), seed, trials, out / name, part, retry_failed)
+        for name in experiments
+    ]
     for each in runs:
         each.check()
         checked_folder(each.folder)
-    _check_used(experiments, poses, known_map, turn_rate, duration)
-    raise typer.Exit(1 if has_raised(runs, jobs) else 0)
+    check_used(experiments, poses, known_map, turn_rate, duration)
+    raise typer.Exit(1 if has_raised(runs, done_by) else 0)
 
 
 def trial(
@@ -114,8 +129,8 @@ def trial(
     from experiments.trials import config_hash
 
     typed = poses, place, laser, odometry, method, people, mismatch, known_map, turn_rate, duration
-    config = experiment_module(experiment).checked(_config(experiment, *typed))
-    _check_used([experiment], poses, known_map, turn_rate, duration)
+    config = experiment_module(experiment).checked(config_of(experiment, *typed))
+    check_used([experiment], poses, known_map, turn_rate, duration)
     folder = checked_folder(out / experiment)
     bag = checked_bag(folder / f"trial_{index}") if mcap else None
     recorder = None if bag is None else _recorder(config)
@@ -206,7 +221,7 @@ def calibrate(
     raise typer.Exit(0 if result.found.is_observable else 1)
 
 
-def _config(
+def config_of(
     experiment: str,
     poses: str,
     place: str | None,
@@ -241,7 +256,7 @@ def _config(
     )
 
 
-def _check_used(
+def check_used(
     experiments: list[str],
     poses: str,
     known_map: str,
@@ -261,55 +276,3 @@ def _check_used(
                 f"{option} changes nothing of {' and '.join(experiments)}: it is of"
                 f" {', '.join(users)}"
             )
-
-
-def has_raised(runs: list["Run"], jobs: int | None) -> bool:
-    """Executes runs, one after the other: whether any trial of them raised an error."""
-    summaries = [_executed(each, jobs) for each in runs]
-    return any(one["raised"] for summary in summaries for one in summary["methods"].values())
-
-
-def _executed(run: "Run", jobs: int | None) -> dict:
-    """Executes a run under a progress line; prints its table and where its files are."""
-    from experiments.figures import run_figures
-    from experiments.progress import TrialProgress
-    from experiments.tables import summary_table, wide_console
-
-    console = wide_console()
-    records: dict[int, dict] = {}
-    with TrialProgress(run.experiment, run.trials, run.config.methods) as progress:
-
-        def on_trial(index: int, record: dict) -> None:
-            progress.update(index, record)
-            records[index] = record
-
-        summary = run.execute(jobs or os.cpu_count() or 1, on_trial, progress.compiling)
-    where = f"{Path(run.config.place).stem}, {run.config.laser}"
-    console.print(summary_table(summary, run.config.poses, where))
-    with console.status("drawing figures"):
-        _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
-        run_figures(run.folder)
-    console.print(f"results and figures: {run.folder}")
-    return summary
-
-
-def _draw_trials(run: "Run", records: dict[int, dict]) -> None:
-    """The first trial that ran; of maps, the three worst of the last method too."""
-    from experiments.figures import trial_picture, worst_maps_picture
-    from experiments.kept_maps import keep_maps
-    from experiments.map_statistics import worst_trials
-    from experiments.runs import trial_result
-
-    if not records:
-        return
-
-    @cache
-    def again(index: int) -> Any:
-        return trial_result(run.experiment, run.config, run.seed, index)
-
-    trial_picture(run.folder, run.config, again(min(records)), min(records))
-    if run.experiment == "mapping":
-        name = run.config.methods[-1]
-        worst = [(index, again(index)) for index in worst_trials(records, name)]
-        worst_maps_picture(run.folder, worst, name)
-        keep_maps(run.folder, {index: again(index) for index in (min(records), *dict(worst))})

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from experiments.runs import EXPERIMENTS
+from experiments.shards import WHOLE, Shard
 from experiments.statistics import samples_of
 from experiments.trial_log import csv_rows
 from experiments.trials import TrialConfig, config_hash
@@ -18,6 +19,39 @@ _ANEW = "the same `kitasap run` again writes it anew"
 _DEPTH = 2
 """Chosen: a folder of folders of runs is looked through, a whole disk is not."""
 _T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class RunHead:
+    """What the files of a run say of it, but for its trials. wall_s: 0 while it is not finished."""
+
+    folder: Path
+    experiment: str
+    config: TrialConfig
+    config_hash: str
+    seed: int
+    trials: int
+    shard: Shard
+    wall_s: float
+
+    @classmethod
+    def read(cls, folder: Path) -> "RunHead":
+        """Raises ValueError, in one line, where a file is damaged or of something else."""
+        path = folder / "config.json"
+        content = _json(path)
+        experiment = _field(content, "experiment", str, path)
+        if experiment not in EXPERIMENTS:
+            raise ValueError(f"{path}: no experiment called '{experiment}'")
+        shard, wall_s = content.get("shard"), 0.0
+        if (folder / "summary.json").exists():
+            summary = _json(folder / "summary.json")
+            wall_s = float(_field(summary, "wall_s", float, folder / "summary.json"))
+        return cls(
+            folder, experiment, _config(_field(content, "config", dict, path), path),
+            _field(content, "config_hash", str, path), _field(content, "seed", int, path),
+            _field(content, "trials", int, path),
+            WHOLE if shard is None else Shard.parsed(str(shard)), wall_s,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import pytest
 
 from experiments import rehearsal, runs
 from experiments.rehearsal import rehearse, told_if_long
-from experiments.runs import Run
+from experiments.runs import Run, TrialTask
+from experiments.trials import config_hash
 
 CODE = """
 import sys
@@ -57,10 +58,10 @@ def test_run_rehearses_once_before_its_first_trial_and_not_when_all_are_done(
 def test_each_worker_rehearses_before_its_first_trial(monkeypatch, quick_config):
     done: list[tuple] = []
     monkeypatch.setattr(runs, "rehearse", lambda *what: done.append(what))
-    monkeypatch.setattr(runs.signal, "signal", lambda *_: None)
-    monkeypatch.setattr(runs, "_exit_with_parent", lambda: None)
-    runs._prepare_worker("kidnap", quick_config)
+    identity = TrialTask("kidnap", quick_config, 3).prepare()
     assert done == [("kidnap", quick_config)]
+    # what the parent compares with its own
+    assert identity == config_hash("kidnap", quick_config, 3)
 
 
 @pytest.mark.parametrize(

@@ -415,7 +415,7 @@ def test_reproduce_runs_what_the_paper_did_and_reports(
             shutil.copytree(folder / run.experiment, run.folder, dirs_exist_ok=True)
         return False
 
-    monkeypatch.setattr("experiments.commands.simulated.has_raised", done)
+    monkeypatch.setattr("experiments.commands.execution.has_raised", done)
     out = tmp_path / "paper"
     assert main(["reproduce", "--out", str(out), "--trials", "7", "--jobs", "1"]) == 0
     assert [(run.experiment, run.trials, run.config.poses) for run in asked] == [

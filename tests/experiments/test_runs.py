@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from experiments import localization, runs
 from experiments.cli import main
 from experiments.runs import Run
 from experiments.trial_log import TrialLog, locked
+from tests.experiments.processes import group, wait_until
 from tests.experiments.refusals import line_of_refusal
 
 REPOSITORY = Path(__file__).parents[2]
@@ -252,29 +252,6 @@ def started(arguments: list[str], out: Path) -> subprocess.Popen:
         # a shell that runs the tests in its background has them ignore interrupts
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
-
-
-def group(leader: int) -> list[int]:
-    """The living processes of a process group."""
-    living = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            state, _, process_group = stat.read_text().rpartition(")")[2].split()[:3]
-        except (OSError, ValueError):
-            continue  # it just ended
-        if int(process_group) == leader and state != "Z":
-            living.append(int(stat.parent.name))
-    return living
-
-
-def wait_until(is_so: Callable[[], bool], limit_s: float = 30.0) -> bool:
-    """Whether it came to be so; a limit, since a test that hangs tells nothing."""
-    end_s = time.monotonic() + limit_s
-    while not is_so():
-        if time.monotonic() > end_s:
-            return False
-        time.sleep(0.005)
-    return True
 
 
 def lines_in(log: Path) -> int:
