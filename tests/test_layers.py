@@ -50,6 +50,7 @@ ONLY_IN = {
     "experiments/api_pages.py": {"pdoc"},
     "experiments/bag_writer.py": {"rosbags"},
     "experiments/rerun_stream.py": {"rerun"},
+    "experiments/gate/permutation.py": {"scipy"},
     "experiments/map_quality.py": {"scipy"},
     "experiments/map_worlds.py": {"scipy"},
     "experiments/train.py": {"torch", "stable_baselines3"},

@@ -65,6 +65,9 @@ def run(
     known_map: KnownMap = "true",
     turn_rate: TurnRate = None,
     duration: Duration = None,
+    figures: Annotated[
+        bool, typer.Option(help="Draw figures in the end; the trials are the same without.")
+    ] = True,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
     from experiments.runs import Run
@@ -75,7 +78,7 @@ def run(
         each.check()
         checked_folder(each.folder)
     _check_used(experiments, poses, known_map, turn_rate, duration)
-    raise typer.Exit(1 if has_raised(runs, jobs) else 0)
+    raise typer.Exit(1 if has_raised(runs, jobs, figures=figures) else 0)
 
 
 def trial(
@@ -263,15 +266,14 @@ def _check_used(
             )
 
 
-def has_raised(runs: list["Run"], jobs: int | None) -> bool:
+def has_raised(runs: list["Run"], jobs: int | None, *, figures: bool = True) -> bool:
     """Executes runs, one after the other: whether any trial of them raised an error."""
-    summaries = [_executed(each, jobs) for each in runs]
+    summaries = [_executed(each, jobs, figures) for each in runs]
     return any(one["raised"] for summary in summaries for one in summary["methods"].values())
 
 
-def _executed(run: "Run", jobs: int | None) -> dict:
+def _executed(run: "Run", jobs: int | None, figures: bool) -> dict:
     """Executes a run under a progress line; prints its table and where its files are."""
-    from experiments.figures import run_figures
     from experiments.progress import TrialProgress
     from experiments.tables import summary_table, wide_console
 
@@ -286,6 +288,11 @@ def _executed(run: "Run", jobs: int | None) -> dict:
         summary = run.execute(jobs or os.cpu_count() or 1, on_trial, progress.compiling)
     where = f"{Path(run.config.place).stem}, {run.config.laser}"
     console.print(summary_table(summary, run.config.poses, where))
+    if not figures:
+        console.print(f"results: {run.folder}")
+        return summary
+    from experiments.figures import run_figures
+
     with console.status("drawing figures"):
         _draw_trials(run, {index: one for index, one in records.items() if one["status"] == "ok"})
         run_figures(run.folder)
