@@ -10,6 +10,7 @@ from experiments.commands import (
     convert,
     doctor,
     drive,
+    gate,
     logs,
     reports,
     shards,
@@ -51,6 +52,8 @@ app.command()(trajectories.evaluate)
 app.command()(convert.convert)
 app.command()(reports.report)
 app.command()(reports.reproduce)
+app.command()(gate.baseline)
+app.command()(gate.check)
 app.command()(doctor.doctor)
 app.add_typer(bench.app, name="bench")
 app.add_typer(world.app, name="world")

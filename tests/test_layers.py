@@ -52,6 +52,7 @@ ONLY_IN = {
     "experiments/bag_writer.py": {"rosbags"},
     "experiments/ray_crew.py": {"ray"},
     "experiments/rerun_stream.py": {"rerun"},
+    "experiments/gate/permutation.py": {"scipy"},
     "experiments/map_quality.py": {"scipy"},
     "experiments/map_worlds.py": {"scipy"},
     "experiments/train.py": {"torch", "stable_baselines3"},

@@ -119,3 +119,19 @@ def runner(
     from experiments.bench.runner import print_benchmark
 
     print_benchmark(trials, empty, seed, None if out is None else checked_beside_runs(out))
+
+
+@app.command()
+def gate(
+    experiment: Annotated[
+        str | None, typer.Option(help="Look in localization or tracking alone.")
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=2, help="Of each planted regression.")] = 20,
+    reruns: Annotated[int, typer.Option(min=1, help="Honest ones.")] = 200,
+    trials: Annotated[int, typer.Option(min=7, help="Of each honest rerun.")] = 10,
+    seed: Seed = 0,
+) -> None:
+    """Regressions planted and found by `kitasap check`, and its false alarms."""
+    from experiments.bench.gate import print_benchmark
+
+    print_benchmark(experiment, repeats, reruns, trials, seed)

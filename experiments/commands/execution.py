@@ -9,9 +9,10 @@ if TYPE_CHECKING:
     from experiments.runs import Run
 
 
-def has_raised(runs: list["Run"], engine: "Engine") -> bool:
+def has_raised(runs: list["Run"], engine: "Engine", *, figures: bool = True) -> bool:
     """Executes runs, one after the other: whether any trial of them raised an error."""
-    return any(is_hurt(_executed(each, engine)) for each in runs)
+    summaries = [_executed(each, engine, figures) for each in runs]
+    return any(is_hurt(summary) for summary in summaries)
 
 
 def is_hurt(summary: dict[str, Any]) -> bool:
@@ -28,7 +29,7 @@ def executed_alone(run: "Run", engine: "Engine", name: str) -> dict[str, Any]:
         return run.execute(engine, progress.update, progress.compiling, progress.tell)
 
 
-def _executed(run: "Run", engine: "Engine") -> dict[str, Any]:
+def _executed(run: "Run", engine: "Engine", figures: bool) -> dict[str, Any]:
     """Executes a run; prints its table and where its files are. A shard gets no figures."""
     from experiments.shards import WHOLE
 
@@ -36,11 +37,13 @@ def _executed(run: "Run", engine: "Engine") -> dict[str, Any]:
         print(f"{run.experiment}: none of {run.trials} trials is of {run.shard.words}")
     summary = executed_alone(run, engine, run.experiment)
     print_table(run, summary)
-    if run.shard == WHOLE:
+    if run.shard != WHOLE:
+        print_where(f"results of {run.shard.words}, for `kitasap merge`", run.folder)
+    elif figures:
         draw(run)
         print_where("results and figures", run.folder)
     else:
-        print_where(f"results of {run.shard.words}, for `kitasap merge`", run.folder)
+        print_where("results", run.folder)
     return summary
 
 

@@ -72,6 +72,9 @@ def run(
     known_map: KnownMap = "true",
     turn_rate: TurnRate = None,
     duration: Duration = None,
+    figures: Annotated[
+        bool, typer.Option(help="Draw figures in the end; the trials are the same without.")
+    ] = True,
 ) -> None:
     """Runs the paper's experiments; the same command again goes on where it stopped."""
     from experiments.commands.execution import has_raised
@@ -90,7 +93,7 @@ def run(
         each.check()
         checked_folder(each.folder)
     check_used(experiments, poses, known_map, turn_rate, duration)
-    raise typer.Exit(1 if has_raised(runs, done_by) else 0)
+    raise typer.Exit(1 if has_raised(runs, done_by, figures=figures) else 0)
 
 
 def trial(
