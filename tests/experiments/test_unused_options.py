@@ -45,12 +45,9 @@ def test_option_that_means_nothing_is_refused(command, option, said, box_room, t
         ("localization", "--poses random --people 1"),
     ],
 )
-def test_option_that_one_of_the_experiments_uses_is_taken(
-    experiments, options, box_room, tmp_path, monkeypatch
-):
-    monkeypatch.setattr("experiments.commands.simulated._draw_trials", lambda *_: None)
-    monkeypatch.setattr("experiments.figures.run_figures", lambda _: None)
+def test_option_that_one_of_the_experiments_uses_is_taken(experiments, options, box_room, tmp_path):
     common = ["--place", box_room, "--method", "odometry", "--trials", "1", "--jobs", "1"]
+    common.append("--no-figures")
     arguments = ["run", *experiments.split(), *options.split(), *common, "--out", str(tmp_path)]
     assert main(arguments) == 0
     assert {path.name for path in tmp_path.iterdir()} == set(experiments.split())
