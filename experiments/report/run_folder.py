@@ -39,6 +39,7 @@ class RunHead:
         """Raises ValueError, in one line, where a file is damaged or of something else."""
         path = folder / "config.json"
         content = _json(path)
+        raw = _field(content, "config", dict, path)
         experiment = _field(content, "experiment", str, path)
         if experiment not in EXPERIMENTS:
             raise ValueError(f"{path}: no experiment called '{experiment}'")
@@ -47,7 +48,7 @@ class RunHead:
             summary = _json(folder / "summary.json")
             wall_s = float(_field(summary, "wall_s", float, folder / "summary.json"))
         return cls(
-            folder, experiment, _config(_field(content, "config", dict, path), path),
+            folder, experiment, _config(raw, path),
             _field(content, "config_hash", str, path), _field(content, "seed", int, path),
             _field(content, "trials", int, path),
             WHOLE if shard is None else Shard.parsed(str(shard)), wall_s,
@@ -74,24 +75,17 @@ class RunFolder:
     @classmethod
     def read(cls, folder: Path) -> "RunFolder":
         """Raises ValueError, in one line, where a file is damaged or of something else."""
-        path = folder / "config.json"
+        head, path, summary = RunHead.read(folder), folder / "config.json", None
         content = _json(path)
-        raw = _field(content, "config", dict, path)
-        trials = _field(content, "trials", int, path)
-        experiment = _field(content, "experiment", str, path)
-        if experiment not in EXPERIMENTS:
-            raise ValueError(f"{path}: no experiment called '{experiment}'")
-        config = _config(raw, path)
-        summary = None
         if (folder / "summary.json").exists():
             summary = _json(folder / "summary.json")
         run = cls(
-            folder, experiment, config, _field(content, "config_hash", str, path),
-            _field(content, "seed", int, path), trials,
+            folder, head.experiment, head.config, head.config_hash, head.seed, head.trials,
             _field(content, "versions", dict, path),
             None if content.get("commit") is None else _field(content, "commit", str, path),
             [str(word) for word in _field(content, "command", list, path)],
-            summary, _records(folder / "trials.jsonl", experiment, trials, config.methods),
+            summary,
+            _records(folder / "trials.jsonl", head.experiment, head.trials, head.config.methods),
         )  # fmt: skip
         if summary is not None:
             run._check_summary(summary)

@@ -339,7 +339,7 @@ def damages() -> Iterator:
     )
     yield without("seed"), "config.json is not of a run: 'seed' is missing"
     yield texts("summary.json", b'{"methods": '), "summary.json is not JSON: "
-    yield texts("summary.json", b"{}"), "summary.json is not of a run: 'methods' is missing"
+    yield texts("summary.json", b"{}"), "summary.json is not of a run: 'wall_s' is missing"
     yield (
         summary(lambda s: s["methods"]["paper"].update(failures=-1)),
         (
