@@ -16,6 +16,7 @@ def quick(monkeypatch, box_room):
     runner._one_kidnap.cache_clear()
 
 
+@pytest.mark.slow
 def test_runner_adds_less_than_two_milliseconds_to_a_trial(tmp_path):
     assert runner.overhead_ms(tmp_path, 1, 400) < 2.0
     assert list(tmp_path.iterdir()) == []

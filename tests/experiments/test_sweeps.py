@@ -54,6 +54,7 @@ def test_what_cannot_be_varied_is_refused_in_one_line(command, capsys, tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_sweep_is_a_run_for_each_combination_a_table_and_a_figure(command, capsys, tmp_path):
     command += ["--vary", "laser.range_noise=1,3", "--vary", "start_error_m=0.02,0.1"]
     assert main([*command, "--trials", "3"]) == 0

@@ -149,7 +149,7 @@ def test_a_spec_with_objects_for_keywords_is_json_and_made_again_is_the_same(tmp
         env.close()
 
 
-@pytest.mark.parametrize("mode", ["sync", "async", None])
+@pytest.mark.parametrize("mode", [pytest.param("sync", marks=pytest.mark.slow), "async", None])
 def test_vector_envs_give_what_single_ones_do(mode):
     keywords = {"difficulty": 0.3, "max_episode_steps": 15}
     vector = gymnasium.make_vec(IDS[0], 2, mode, **keywords)
@@ -175,7 +175,14 @@ def test_vector_envs_give_what_single_ones_do(mode):
     vector.close()
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.name)
+@pytest.mark.parametrize(
+    "mode",
+    [
+        pytest.param(mode, marks=[] if mode is AutoresetMode.SAME_STEP else pytest.mark.slow)
+        for mode in AutoresetMode
+    ],
+    ids=lambda mode: mode.name,
+)
 def test_native_vector_env_begins_anew_as_gymnasium_s_own(mode):
     keywords = {"difficulty": 0.0, "max_episode_steps": 3}
     native = gymnasium.make_vec(IDS[0], 3, autoreset_mode=mode.value, **keywords)
@@ -365,7 +372,9 @@ def test_track_is_lost_by_driving_away_from_it():
     assert info["aside_m"] > 0.4
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize(
+    "env_id", [IDS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in IDS[1:])]
+)
 def test_pictures_change_nothing(env_id):
     place = {} if env_id == IDS[2] else {"place": "random"}
     env = gymnasium.make(env_id, render_mode="rgb_array", **place)
