@@ -50,9 +50,9 @@ def predict(
 @compiled
 def update(
     covariance: FloatArray, across: FloatArray, innovation: FloatArray, information: FloatArray
-) -> tuple[float, float, float]:
-    """By how much a scan moves the scale, lessens its variance, and the normalised innovation
-    squared; across (3,), the pose's covariance with the scale, in place.
+) -> tuple[float, float]:
+    """By how much a scan lessens the scale's variance, and the normalised innovation squared; across
+    (3,), the pose's covariance with the scale, in place.
 
     covariance: (3, 3) of the pose before, innovation: (3,) by which the scan moved it, information:
     (3, 3) of the scan alone.
@@ -61,13 +61,12 @@ def update(
     lower_root_into(covariance, LEAST_PIVOT, root)
     solve_by_root(root, across, gain)
     solve_by_root(root, innovation, pull)
-    moved = before = squared = after = 0.0
+    before = squared = after = 0.0
     for j in range(3):
-        moved += gain[j] * innovation[j]
         before += gain[j] * across[j]
         squared += pull[j] * innovation[j]
     lower_root_into(inverse_of(covariance) + information, LEAST_PIVOT, root)
     solve_by_root(root, gain, across)
     for j in range(3):
         after += gain[j] * across[j]
-    return moved, before - after, squared
+    return before - after, squared
