@@ -135,3 +135,17 @@ def gate(
     from experiments.bench.gate import print_benchmark
 
     print_benchmark(experiment, repeats, reruns, trials, seed)
+
+
+@app.command()
+def fuzz(
+    target: Annotated[str, typer.Argument(help="A reader or an update, or 'all'.")] = "all",
+    minutes: Annotated[float, typer.Option(min=0.02, help="For each, at most.")] = 20.0,
+    inputs: Annotated[int, typer.Option(min=1, help="For each, at most.")] = 1_000_000,
+    seed: Seed = 0,
+    out: Annotated[Path, typer.Option(help="Folder of the inputs found.")] = RESULTS / "fuzz",
+) -> int:
+    """Mutated files for every reader, arbitrary scans for every update: none may crash or hang."""
+    from experiments.bench.fuzz import print_benchmark
+
+    return 0 if print_benchmark(target, minutes, inputs, seed, checked_beside_runs(out)) else 1
