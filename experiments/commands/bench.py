@@ -149,3 +149,22 @@ def fuzz(
     from experiments.bench.fuzz import print_benchmark
 
     return 0 if print_benchmark(target, minutes, inputs, seed, checked_beside_runs(out)) else 1
+
+
+@app.command()
+def soak(
+    hours: Annotated[float, typer.Option(min=0.01, help="Simulated.")] = 1.0,
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    people: People = 2,
+    method: Annotated[str, typer.Option(help="limit, fast or open3d.")] = "limit",
+    seed: Seed = 0,
+) -> int:
+    """Drives on and on with kidnaps, people and failing sensors: is memory flat, is it honest?"""
+    from experiments.bench.soak import print_benchmark
+    from experiments.trials import TrialConfig
+
+    config = TrialConfig(place=place, laser=laser, people=people, methods=(method,)).checked()
+    if method not in ("limit", "fast", "open3d"):
+        raise ValueError(f"{method} does not know when it is lost; limit, fast and open3d do")
+    return 0 if print_benchmark(config, hours, seed) else 1
