@@ -36,7 +36,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     **dict.fromkeys(("step_ways", "step_poses"), ("scans", 3)),
     "verdict": (4,),
 }  # fmt: skip
-_MAY_BE_INFINITE = ("beam_ranges_m", "glance_ranges_m")
+MAY_BE_INFINITE = ("beam_ranges_m", "glance_ranges_m")
 """Of beams that came back from nowhere, or not at all."""
 
 
@@ -55,15 +55,14 @@ def check_arrays(arrays: _Arrays, status_count: int) -> None:
             size = expected if isinstance(expected, int) else sizes.setdefault(expected, found)
             if found != size and not is_empty:
                 raise ValueError(f"{name} have shape {array.shape}: {size} expected of {expected}")
-        if name not in _MAY_BE_INFINITE:
-            _check_numbers(name, array)
+        _check_numbers(name, array)
     _check_counts(arrays, sizes, status_count)
 
 
 def _check_numbers(name: str, array: np.ndarray) -> None:
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} are no numbers but {array.dtype}")
-    if not np.isfinite(array).all():
+    if name not in MAY_BE_INFINITE and not np.isfinite(array).all():
         raise ValueError(f"{name} are not finite")
     is_place = name.endswith(("poses", "ways", "origins_m")) or name == "points"
     if is_place and np.abs(array).max(initial=0.0) > _FARTHEST_M:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
-from slam.slam_map_checks import check_arrays
+from slam.slam_map_checks import MAY_BE_INFINITE, check_arrays
 from slam.views import Glance
 from slam.whole_files import read_at_most, write_whole
 
@@ -40,7 +41,7 @@ _Arrays = dict[str, np.ndarray]
 _DAMAGES = (
     *(zipfile.BadZipFile, zlib.error, EOFError),
     *(KeyError, ValueError, TypeError, NotImplementedError, RuntimeError, OverflowError),
-    MemoryError,
+    *(MemoryError, SyntaxError, tokenize.TokenError),
 )
 """What zipfile and NumPy raise on files that are cut, changed, locked by a password or something else."""
 
@@ -84,10 +85,10 @@ def read_slam_map(path: str | Path) -> SlamMap:
     except _DAMAGES as error:
         raise ValueError(
             f"{path.name}: expected a map written by this library, and it is cut, damaged or"
-            f" something else ({error})"
+            f" something else ({' '.join(str(error).split())[:200]})"
         ) from None
     if kind != _KIND:
-        raise ValueError(f"{path.name}: expected a {_KIND}, not a {kind!r}")
+        raise ValueError(f"{path.name}: expected a {_KIND}, not a {kind[:80]!r}")
     if not 1 <= version <= VERSION:
         raise ValueError(
             f"{path.name}: its version is {version}, and this library reads"
@@ -101,6 +102,8 @@ def read_slam_map(path: str | Path) -> SlamMap:
         arrays |= dict.fromkeys(_GLANCES, np.zeros(0, np.int64))
     try:
         check_arrays(arrays, len(_STATUSES))
+        for name in MAY_BE_INFINITE:  # one nan is as good as another, but some raise when converted
+            arrays[name] = np.where(np.isnan(arrays[name]), np.nan, arrays[name])
         return _map_of(arrays)
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise ValueError(f"{path.name}: the arrays in it do not make a map ({error})") from None

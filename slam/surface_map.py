@@ -52,6 +52,10 @@ def moved(T: SE2, points: FloatArray) -> FloatArray:
     return out
 
 
+_FARTHEST_SEARCHED_M = 100.0
+"""Chosen: farther than lasers indoors; a reflection from 10 km would take 40 GB."""
+
+
 @dataclass(frozen=True)
 class SurfaceMapConfig:
     """How a `SurfaceMap` learns and matches.
@@ -199,7 +203,9 @@ class SurfaceMap:
         (correlative scan matching: Olson, ICRA 2009).
         """
         cell_m = self.config.cells_m[level]
-        points = self.thinned(points_base, 80)
+        # as large as the points reach is the table in which they are looked up
+        is_near = np.hypot(points_base[:, 0], points_base[:, 1]) <= _FARTHEST_SEARCHED_M
+        points = self.thinned(points_base[is_near], 80)
         steps = np.arange(-math.ceil(2.0 * reach_m / cell_m), math.ceil(2.0 * reach_m / cell_m) + 1)
         x = np.asarray(T_middle.x + steps * cell_m / 2.0, dtype=np.float64)
         y = np.asarray(T_middle.y + steps * cell_m / 2.0, dtype=np.float64)

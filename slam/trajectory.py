@@ -128,7 +128,7 @@ def _tum_row(fields: list[str], place: str) -> tuple[float, float, float, float]
     time_s, x, y, _, qx, qy, qz, qw = values
     if max(abs(x), abs(y)) > FARTHEST_M:
         raise ValueError(f"{place}: at {x:g} {y:g}; expected metres, none beyond {FARTHEST_M:g}")
-    if abs(qx**2 + qy**2 + qz**2 + qw**2 - 1.0) > _UNIT_TOLERANCE:
+    if abs(qx * qx + qy * qy + qz * qz + qw * qw - 1.0) > _UNIT_TOLERANCE:
         raise ValueError(f"{place}: the quaternion {qx} {qy} {qz} {qw} is not of length 1")
     yaw = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2))
     return time_s, x, y, yaw

@@ -61,7 +61,8 @@ class Glances:
             self._every *= 2
         if self._count % self._every == 0:
             angles_rad = beams.angles_rad.astype(np.float32)
-            ranges_m = beams.ranges_m.astype(np.float32)
+            with np.errstate(invalid="ignore"):  # of the kind of nan that raises
+                ranges_m = beams.ranges_m.astype(np.float32)
             self._kept.append(Glance(T_keyframe_base, beams.middle_m, angles_rad, ranges_m))
         self._count += 1
 

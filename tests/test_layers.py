@@ -52,6 +52,8 @@ ONLY_IN = {
     "experiments/bag_writer.py": {"rosbags"},
     "experiments/ray_crew.py": {"ray"},
     "experiments/rerun_stream.py": {"rerun"},
+    "experiments/fuzzing/bags.py": {"rosbags"},
+    "experiments/fuzzing/child.py": {"atheris"},
     "experiments/gate/permutation.py": {"scipy"},
     "experiments/map_quality.py": {"scipy"},
     "experiments/map_worlds.py": {"scipy"},

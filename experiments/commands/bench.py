@@ -135,3 +135,36 @@ def gate(
     from experiments.bench.gate import print_benchmark
 
     print_benchmark(experiment, repeats, reruns, trials, seed)
+
+
+@app.command()
+def fuzz(
+    target: Annotated[str, typer.Argument(help="A reader or an update, or 'all'.")] = "all",
+    minutes: Annotated[float, typer.Option(min=0.02, help="For each, at most.")] = 20.0,
+    inputs: Annotated[int, typer.Option(min=1, help="For each, at most.")] = 1_000_000,
+    seed: Seed = 0,
+    out: Annotated[Path, typer.Option(help="Folder of the inputs found.")] = RESULTS / "fuzz",
+) -> int:
+    """Mutated files for every reader, arbitrary scans for every update: none may crash or hang."""
+    from experiments.bench.fuzz import print_benchmark
+
+    return 0 if print_benchmark(target, minutes, inputs, seed, checked_beside_runs(out)) else 1
+
+
+@app.command()
+def soak(
+    hours: Annotated[float, typer.Option(min=0.01, help="Simulated.")] = 1.0,
+    place: PlaceName = "room_fig4",
+    laser: Laser = "urg_04lx",
+    people: People = 2,
+    method: Annotated[str, typer.Option(help="limit, fast or open3d.")] = "limit",
+    seed: Seed = 0,
+) -> int:
+    """Drives on and on with kidnaps, people and failing sensors: is memory flat, is it honest?"""
+    from experiments.bench.soak import print_benchmark
+    from experiments.trials import TrialConfig
+
+    config = TrialConfig(place=place, laser=laser, people=people, methods=(method,)).checked()
+    if method not in ("limit", "fast", "open3d"):
+        raise ValueError(f"{method} does not know when it is lost; limit, fast and open3d do")
+    return 0 if print_benchmark(config, hours, seed) else 1

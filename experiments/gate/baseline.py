@@ -100,13 +100,14 @@ def read_baseline(path: Path) -> list[RunValues]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path} is damaged, or no baseline: {error}") from error
+        said = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path} is damaged, or no baseline: {said}") from error
     if not isinstance(content, dict) or "kitasap_baseline" not in content:
         raise ValueError(f"{path} is no baseline: `kitasap baseline DIR` makes one")
     version = content["kitasap_baseline"]
     if version is True or version != FORMAT:
         raise ValueError(
-            f"{path} is a baseline of version {version!r}, and {FORMAT} is read here:"
+            f"{path} is a baseline of version {repr(version)[:80]}, and {FORMAT} is read here:"
             " make it anew from a run"
         )
     raw = content.get("runs")
@@ -133,11 +134,13 @@ def _run(raw: Any, where: str) -> RunValues:
             raise ValueError(f"{where} is damaged: '{name}' is missing, or of another kind")
     if raw["experiment"] not in EXPERIMENTS:
         raise ValueError(
-            f"{where} is of an experiment '{raw['experiment']}' that is not known here"
+            f"{where} is of an experiment {raw['experiment'][:80]!r} that is not known here"
         )
     known = {one.name: one for one in fields(TrialConfig)}
     if odd := sorted(set(raw["config"]) - set(known)):
-        raise ValueError(f"{where} has settings that are not known here: {', '.join(odd)}")
+        raise ValueError(
+            f"{where} has settings that are not known here: {repr(', '.join(odd))[:200]}"
+        )
     # one that came later had its default then
     defaults = {name: one.default for name, one in known.items() if one.default is not MISSING}
     config = _plain(defaults | raw["config"])
@@ -147,23 +150,23 @@ def _run(raw: Any, where: str) -> RunValues:
         raise ValueError(f"{where} is damaged: its values are not those of its methods")
     for method, values in raw["values"].items():
         if not isinstance(values, dict) or "failed" not in values:
-            raise ValueError(f"{where} is damaged: {method} has no trials")
+            raise ValueError(f"{where} is damaged: {method[:80]!r} has no trials")
         for name, told in values.items():
-            _check_values(name, told, raw["trials"], f"{where}, {method}")
+            _check_values(name, told, raw["trials"], f"{where}, {method[:80]!r}")
     own = {name: raw[name] for name in kinds}
     return RunValues(**own | {"config": config})
 
 
 def _check_values(name: str, told: Any, trials: int, where: str) -> None:
     if name not in QUANTITIES:
-        raise ValueError(f"{where} has a quantity '{name}' that is not known here")
+        raise ValueError(f"{where} has a quantity {name[:80]!r} that is not known here")
     if not isinstance(told, list) or len(told) != trials:
         raise ValueError(f"{where} is damaged: {name} is not told of {trials} trials")
     for one in told:
         if one is None:
             continue
         if isinstance(one, bool) or not isinstance(one, int | float) or not 0 <= one < _MOST:
-            raise ValueError(f"{where} is damaged: {one!r} is no {name}")
+            raise ValueError(f"{where} is damaged: {repr(one)[:80]} is no {name}")
 
 
 def _digest(runs: list[Any]) -> str:

@@ -90,6 +90,10 @@ class Bag:
             with self._opened(file) as reader:
                 for topic, one in self._connections(reader):
                     counts[topic] = counts.get(topic, 0) + one.msgcount
+        for key in counts:
+            # of SQLite, whatever stands there
+            if not all(isinstance(one, str) and one.isprintable() for one in key):
+                raise ValueError(f"{self.name}: damaged, a topic and its type are {key!r:.160}")
         self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
 
     def messages(self, names: Collection[str]) -> Generator[BagMessage]:

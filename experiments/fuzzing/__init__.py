@@ -1,0 +1,1 @@
+"""Readers and updates given what nobody would write: mutated files, arbitrary scans."""
