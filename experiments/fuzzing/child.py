@@ -55,7 +55,7 @@ class Trial:
         self._files, self._found = folder / "files", folder / "found"
         self.tally = Tally()
         self._known: dict[str, int] = {}
-        self._before_kb = 0
+        self._before_kb = _peak_kb()
 
     def arm(self) -> None:
         """Memory is counted, and limited, from here on."""

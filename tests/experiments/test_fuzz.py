@@ -80,6 +80,11 @@ def test_refusal_of_one_line_that_names_the_file_is_as_documented(tmp_path):
     assert (tally.refused, found) == (5, [])
 
 
+def test_memory_that_was_taken_before_is_not_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "_peak_kb", lambda: 4 * child._MOST_GROWN_KB)
+    assert tried("tum", tmp_path, 5, lambda data, folder: None, [b"1"])[1] == []
+
+
 def test_update_may_refuse_nothing(tmp_path):
     def read(data: bytes, folder: Path) -> None:
         raise ValueError("one line")
