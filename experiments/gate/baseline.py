@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -51,7 +51,7 @@ class RunValues:
             "config_hash": run.config_hash,
             "versions": run.versions,
             "commit": run.commit,
-            "command": run.command,
+            "command": _without_out(run.command),
         }
         values = trial_values(run.experiment, run.records, run.config.methods)
         return cls(
@@ -120,6 +120,15 @@ def read_baseline(path: Path) -> list[RunValues]:
             " make it anew from a run"
         )
     return runs
+
+
+def _without_out(command: Sequence[str]) -> list[str]:
+    """A command line without the folder that its results went to: of one machine, and of no effect."""
+    kept = list(command)
+    if "--out" in kept:
+        at = kept.index("--out")
+        del kept[at : at + 2]
+    return [word for word in kept if not word.startswith("--out=")]
 
 
 def _run(raw: Any, where: str) -> RunValues:

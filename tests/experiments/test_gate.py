@@ -57,6 +57,17 @@ def test_a_run_is_no_worse_than_itself(out, capsys, tmp_path):
     assert int(root.get("tests")) == len(root.findall("testsuite/testcase")) > 5
 
 
+@pytest.mark.parametrize("given", [["--out", "there"], ["--out=there"]])
+def test_a_baseline_keeps_no_folder_of_the_machine(out, given):
+    path = next(out.rglob("config.json"))
+    config = json.loads(path.read_text())
+    config["command"] = ["cli.py", "run", *given, "--trials", "10"]
+    path.write_text(json.dumps(config))
+    assert main(["baseline", str(out), "--force"]) == 0
+    kept = json.loads((out / "baseline.json").read_text())["runs"][0]["inputs"]["command"]
+    assert kept == ["cli.py", "run", "--trials", "10"]
+
+
 def test_a_run_without_figures_has_none(out):
     assert not list((out / "localization").glob("*.png"))
 
