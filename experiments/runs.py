@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
 
-from experiments.engines import Engine, Finished, Tell
+from experiments.engines import Engine, Finished, Task, Tell
 from experiments.json_lines import OtherRun
 from experiments.observer import NOBODY, TrialObserver
 from experiments.processes import local_engine
@@ -94,7 +94,7 @@ class Run:
         return log.trials.records(there)
 
     @property
-    def task(self) -> "TrialTask":
+    def task(self) -> Task:
         """What is done for each trial."""
         return TrialTask(self.experiment, self.config, self.seed)
 

@@ -53,7 +53,7 @@ class _EmptyRun(Run):
     """A run of trials that do nothing: log, digest, progress, table and summary are real."""
 
     @property
-    def task(self) -> EmptyTask:  # type: ignore[override]
+    def task(self) -> EmptyTask:
         """Of the same hash as the real one."""
         identity = config_hash(self.experiment, self.config, self.seed)
         return EmptyTask(identity, *_one_kidnap())

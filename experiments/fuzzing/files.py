@@ -11,10 +11,14 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from experiments.fuzzing.targets import Reading
+
+if TYPE_CHECKING:
+    from slam.trajectory import Trajectory
 
 _Made = tuple[list[bytes], Reading]
 _FEW_FIELDS = 24
@@ -70,7 +74,7 @@ def read_log_wholly(name: str) -> Reading:
 
 def ros_map(folder: Path) -> _Made:
     """Maps of map_server: the YAML file, a line of =, the image."""
-    from slam.map_files import read_map, write_map
+    from slam.map_files import ImageFormat, MapMode, read_map, write_map
     from slam.occupancy_grid import OccupancyGrid
     from slam.se2 import SE2
 
@@ -78,8 +82,11 @@ def ros_map(folder: Path) -> _Made:
     cells = np.random.default_rng(0).choice([-1, 0, 100], (9, 7)).astype(np.int8)
     grid = OccupancyGrid(cells, 0.05, SE2(1.0, 2.0, 0.0))
     seeds = []
-    for mode, image in (("trinary", "pgm"), ("trinary", "png"), ("scale", "png"), ("raw", "pgm")):
-        write_map(folder / "m.yaml", grid, mode, image)  # type: ignore[arg-type]
+    kinds: list[tuple[MapMode, ImageFormat]] = [
+        ("trinary", "pgm"), ("trinary", "png"), ("scale", "png"), ("raw", "pgm"),
+    ]  # fmt: skip
+    for mode, image in kinds:
+        write_map(folder / "m.yaml", grid, mode, image)
         text = (
             (folder / "m.yaml").read_bytes().replace(b"m.png", b"m.img").replace(b"m.pgm", b"m.img")
         )
@@ -162,7 +169,7 @@ def kitti(_: Path) -> _Made:
 
     text = "".join(f"1 0 0 {k} 0 1 0 0.1 0 0 1 0\n" for k in range(4)).encode()
 
-    def read(path: Path) -> object:
+    def read(path: Path) -> Trajectory:
         try:
             read_trajectory(path)
         except ValueError as error:
@@ -261,10 +268,10 @@ def check_refusal(error: Exception, name: str | None) -> None:
     assert name is None or name in said, f"a refusal that does not name the file: {said[:300]!r}"
 
 
-def _read_trajectory(name: str, read_file: Callable[[Path], object]) -> Reading:
+def _read_trajectory(name: str, read_file: Callable[[Path], Trajectory]) -> Reading:
     def read(data: bytes, folder: Path) -> None:
         found = read_file(_written(folder / name, data))
-        _check_finite(found.poses, found.times_s)  # type: ignore[attr-defined]
+        _check_finite(found.poses, found.times_s)
 
     return read
 
