@@ -131,7 +131,7 @@ class SurfaceMap:
         self._levels: NDArray[np.int8] = np.zeros(count, np.int8)
         self._sums: NDArray[np.float32] = np.zeros((count, kernels.SIDES, 6), np.float32)
         self._is_due: BoolArray = np.zeros((count, kernels.SIDES), np.bool_)
-        self._surfels: FloatArray = np.zeros((count, kernels.SIDES, 5))
+        self._surfels: FloatArray = np.zeros((count, kernels.SIDES, kernels.SURFEL))
         # the lowest are the next
         self._free = np.array([*range(count - 1, -1, -1), count], np.int32)
         self._cells_m = np.array(self.config.cells_m)

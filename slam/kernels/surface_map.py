@@ -25,9 +25,11 @@ _LEAST_POINTS = 4.0
 _LEAST_LENGTH = 0.15
 """Of a cell's side: shorter than that along its longer axis, a cluster has no direction."""
 
-# what `surfels` (E, SIDES, 5) holds: unit normal, offset along it [m], variance across [m2], count
-# of the points
-NORMAL_X, NORMAL_Y, OFFSET, VARIANCE, COUNT = 0, 1, 2, 3, 4
+# what `surfels` (E, SIDES, SURFEL) holds: unit normal, offset along it [m], variance across [m2],
+# count of the points, their middle along the surface [m], the sum [m2] of their squared distances
+# from there, and the variance [rad2] that the direction has by how they scatter
+NORMAL_X, NORMAL_Y, OFFSET, VARIANCE, COUNT, MIDDLE, LEVER, DIRECTION_VARIANCE = 0, 1, 2, 3, 4, 5, 6, 7
+SURFEL = 8
 
 
 @compiled
@@ -202,3 +204,6 @@ def make_surfel(
     surfel[OFFSET] = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y
     surfel[VARIANCE] = max(half - apart, 0.0)
     surfel[COUNT] = n
+    surfel[MIDDLE] = surfel[NORMAL_Y] * x - surfel[NORMAL_X] * y
+    surfel[LEVER] = n * (half + apart)
+    surfel[DIRECTION_VARIANCE] = n / (n - 2.0) * surfel[VARIANCE] / surfel[LEVER]
