@@ -104,18 +104,19 @@ class LoopCloser:
             start = bisect_left(keyframes, session, key=lambda keyframe: keyframe.session)
             ways_m[start - 1 : start] += config.least_way_m
         way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
-        has_scan = np.array([not one.is_place_alone for one in keyframes])
         radius_m = config.radius_m + min(2.0 * sigma_m, config.max_search_m)
         pairs = []
         for later in asked:
-            if not has_scan[later]:
+            if keyframes[later].is_place_alone:
                 continue
             off_m = np.hypot(*(poses[:later, :2] - poses[later, :2]).T)
             is_far_back = way_m[later] - way_m[:later] > config.least_way_m
-            is_asked = (off_m <= radius_m) & is_far_back & has_scan[:later]
+            is_asked = (off_m <= radius_m) & is_far_back
             if others is not None:
                 is_asked[: others.start] = is_asked[others.stop :] = False
             near = np.flatnonzero(is_asked)
+            # of those near by alone: all of them take longer than what follows
+            near = near[[not keyframes[k].is_place_alone for k in near.tolist()]]
             off_m = off_m[near]
             turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
             chosen: list[int] = []

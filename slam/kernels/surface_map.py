@@ -28,7 +28,8 @@ _LEAST_LENGTH = 0.15
 # what `surfels` (E, SIDES, SURFEL) holds: unit normal, offset along it [m], variance across [m2],
 # count of the points, their middle along the surface [m], the sum [m2] of their squared distances
 # from there, and the variance [rad2] that the direction has by how they scatter
-NORMAL_X, NORMAL_Y, OFFSET, VARIANCE, COUNT, MIDDLE, LEVER, DIRECTION_VARIANCE = 0, 1, 2, 3, 4, 5, 6, 7
+NORMAL_X, NORMAL_Y, OFFSET, VARIANCE = 0, 1, 2, 3
+COUNT, MIDDLE, LEVER, DIRECTION_VARIANCE = 4, 5, 6, 7
 SURFEL = 8
 
 
