@@ -46,7 +46,7 @@ class LoopConfig:
     least_inlier_ratio: float = 0.85
     most_passed: float = 0.06
     margins: tuple[float, float] = (0.15, 0.02)
-    least_held: float = 0.02
+    least_held: float = 0.01
     sigma: tuple[float, float, float] = (0.01, 0.01, 0.003)
 
 
