@@ -1,13 +1,16 @@
 """The front end of mapping: which of several poses of a scan is believed."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from slam.front_end import FrontEnd, StepStatus
+from slam.measurements import Measurement
 from slam.se2 import SE2
 from tests.slam import ring
+from tests.slam.synthetic import room, scan_of
 
 NEXT_DOOR = SE2(-1.2, 0.0, 0.0)
 
@@ -59,3 +62,23 @@ def test_scans_of_a_laser_that_somebody_stands_before_are_carried_and_break_noth
     assert statuses[20:26] == [StepStatus.CARRIED] * 6
     assert set(statuses[1:20] + statuses[26:]) == {StepStatus.MATCHED}
     assert not any(keyframe.is_break for keyframe in front_end.keyframes)
+
+
+def test_a_scan_that_looks_through_the_walls_just_seen_is_not_placed_among_them():
+    passage, hall = room(-0.6, -3.0, 0.6, 1.5), room(-6.0, -6.0, 6.0, 1.5)
+    front_end, rng, pose = (
+        FrontEnd(SE2.identity()),
+        np.random.default_rng(1),
+        SE2(0.1, -0.3, math.pi / 2),
+    )
+    steps = []
+    for index in range(11):
+        scan = scan_of(passage if index < 9 else hall, pose, rng, 0.01, range_max_m=12.0)
+        told = SE2(0.0, -0.1, 0.0) if index else SE2.identity()
+        steps.append(front_end.update(Measurement(0.2 * index, told, scan, np.eye(3) * 1e-4)))
+        pose = pose @ SE2(0.0, -0.1, 0.0)
+    assert max(step.passed_ratio for step in steps[:9]) < 0.1
+    # 0.89 of it lies on the wall ahead, which both have
+    assert steps[9].passed_ratio > 0.8
+    assert steps[9].status is StepStatus.BROKEN
+    assert steps[10].status is StepStatus.MATCHED
