@@ -21,7 +21,8 @@ from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_line, wheels_summary
 from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
-from slam.front_end import FrontEndConfig, StepStatus
+from slam.front_end import FrontEndConfig
+from slam.keyframes import StepStatus
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations

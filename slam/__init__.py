@@ -19,9 +19,9 @@ Open3D is not imported before its first use.
 from slam.beam_likelihood import BeamConfig, cramer_rao_bound, fisher_information, match_beams
 from slam.beams import Beams
 from slam.calibration import Calibration, CalibrationConfig, calibrate
-from slam.front_end import StepStatus
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
 from slam.icp_mapping import IcpMap, IcpMapper
+from slam.keyframes import StepStatus
 from slam.known_map import KnownMap
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines

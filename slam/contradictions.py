@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from slam.front_end import Keyframe
 from slam.kernels.visibility import contradictions
+from slam.keyframes import Keyframe
 from slam.se2 import SE2
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slam.front_end import FrontEndStep, StepStatus
+from slam.keyframes import FrontEndStep, StepStatus
 from slam.measurements import Measurement
 from slam.se2 import SE2
 

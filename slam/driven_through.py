@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from slam.arrays import BoolArray, FloatArray
-from slam.front_end import Keyframe
 from slam.kernels.visibility import contradictions
+from slam.keyframes import Keyframe
 from slam.se2 import SE2
 
 _APART = 10

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import enum
 import math
 import statistics
 from collections import deque
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,11 +15,12 @@ from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
+from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
-from slam.views import Glance, Glances
+from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale, WheelScaleConfig
 
 _INTERVALS = 21
@@ -29,15 +28,6 @@ _INTERVALS = 21
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
-
-
-class StepStatus(enum.Enum):
-    """How a scan was placed."""
-
-    MATCHED = "matched"
-    SEARCHED = "searched"  # not where the wheels led, but found near by
-    CARRIED = "carried"  # by the wheels alone: the scan tells nothing
-    BROKEN = "broken"  # nothing near by explains the scan: a new submap begins
 
 
 @dataclass(frozen=True)
@@ -94,64 +84,6 @@ class FrontEndConfig:
     most_passed: float = 0.75
     margins: tuple[float, float] = (0.15, 0.02)
     range_max_m: float = 40.0
-
-
-@dataclass(frozen=True, eq=False)
-class Keyframe:
-    """A scan that the map is made of.
-
-    T_map_base: where the front end placed it. T_before: its pose as seen from the keyframe before
-    (identity for the first), covariance: (3, 3) of that. points: (N, 2) [m], base frame; beams: the
-    scan itself. is_break: the scans broke off before it. session: in which it was taken, from 0;
-    T_map_base is in the frame of that session, which its first scan is the origin of. glances: some
-    of the scans between it and the next.
-    """
-
-    time_s: float
-    T_map_base: SE2
-    T_before: SE2
-    covariance: FloatArray
-    points: FloatArray
-    beams: Beams
-    is_break: bool
-    session: int = 0
-    glances: tuple[Glance, ...] = ()
-
-    @cached_property
-    def faced(self) -> FloatArray:
-        """(N, 3) the points, and where their surfaces face: see `slam.surface_map`."""
-        return faced(self.points, self.beams.middle_m)
-
-    @property
-    def is_place_alone(self) -> bool:
-        """Whether only its place is kept: others saw what it saw."""
-        return len(self.beams) == 0
-
-    def place_alone(self) -> Keyframe:
-        """The same without its scan and glances."""
-        return replace(self, points=np.empty((0, 2)), beams=_NO_BEAMS, glances=())
-
-
-@dataclass(frozen=True, eq=False)
-class FrontEndStep:
-    """Where a scan was placed: as seen from the keyframe of that index (-1: the origin of its
-    session, if that has none); and how well it fits. T_map_base: as in `Keyframe`. is_open: the scan
-    itself leaves a direction open, as between two walls. passed_ratio: share of what a keyframe shortly
-    before shows in its view that its beams went through."""
-
-    time_s: float
-    keyframe: int
-    T_keyframe_base: SE2
-    T_map_base: SE2
-    status: StepStatus
-    inlier_ratio: float
-    is_keyframe: bool
-    session: int = 0
-    is_open: bool = False
-    passed_ratio: float = 0.0
-
-
-_NO_BEAMS = Beams(np.empty((0, 2)), np.empty(0), np.empty(0))
 
 
 class FrontEnd:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.front_end import Keyframe
+from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.pose_graph import PoseGraph
 from slam.se2 import SE2

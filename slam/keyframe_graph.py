@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.front_end import Keyframe
+from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution
 from slam.se2 import SE2

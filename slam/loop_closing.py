@@ -11,7 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.contradictions import passed
-from slam.front_end import Keyframe
+from slam.keyframes import Keyframe
 from slam.se2 import SE2, wrap_angle
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 

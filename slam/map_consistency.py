@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from slam.arrays import FloatArray, IntArray
 from slam.contradictions import passed
 from slam.driven_through import driven_through
-from slam.front_end import Keyframe
+from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.se2 import SE2
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.drive_monitor import DriveMonitor
-from slam.front_end import FrontEnd, FrontEndStep, Keyframe, StepStatus
+from slam.front_end import FrontEnd
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
+from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_consistency import acquitted, do_contradict, judged
 from slam.mapper_config import MapperConfig

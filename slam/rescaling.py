@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.front_end import Keyframe
+from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.se2 import SE2
 from slam.slam_map import graph_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.front_end import Keyframe
+from slam.keyframes import Keyframe
 from slam.known_map import KnownMap, laser_seen
 from slam.loop_closing import Loop, LoopCloser
 from slam.lost import Guard, Look

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.front_end import FrontEndStep, Keyframe
+from slam.keyframes import FrontEndStep, Keyframe
 from slam.known_map import KnownMap, laser_seen
 from slam.laser_model import LaserModel
 from slam.localization import Localizer

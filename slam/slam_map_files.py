@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.front_end import FrontEndStep, Keyframe, StepStatus
+from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict
 from slam.se2 import SE2

@@ -13,7 +13,8 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.drive_adjustment import PARAMETER_COUNT, WheelRecord
-from slam.front_end import FrontEnd, FrontEndConfig, StepStatus
+from slam.front_end import FrontEnd, FrontEndConfig
+from slam.keyframes import StepStatus
 from slam.measurements import Measurement
 from slam.odometry import DifferentialDrive, WheelModel
 from slam.se2 import SE2

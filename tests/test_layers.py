@@ -82,7 +82,7 @@ RANKS = (
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
     | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"}
-    | {"match_verdict", "slam_map_checks", "wheel_scale"},
+    | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
     {
         "relocalization",
         "hypotheses",

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.front_end import FrontEnd, StepStatus
+from slam.front_end import FrontEnd
+from slam.keyframes import StepStatus
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from tests.slam import ring

@@ -9,7 +9,7 @@ import pytest
 from slam.beams import Beams
 from slam.contradictions import passed
 from slam.driven_through import driven_through
-from slam.front_end import StepStatus
+from slam.keyframes import StepStatus
 from slam.loop_closing import LoopCloser, LoopConfig
 from slam.map_consistency import ConsistencyConfig, MapVerdict, acquitted, judged
 from slam.mapper_config import MapperConfig
