@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from experiments.figures.canvas import colour, legend_below, line_style, plain, saved
+from experiments.figures.canvas import legend_below, line_style, plain, saved
 from experiments.map_quality import NEAR_M
 from experiments.mapping import LEAST_SHARE, MOST_ATE_M, MapOutcome, MappingResult, true_map
 from slam.arrays import FloatArray
@@ -136,9 +136,7 @@ def _draw_made(axis: Axes, result: MappingResult, name: str, title: str) -> None
         *outcome.points_m[is_wrong].T, color=_WRONG,
         label=f"map, {100 * NEAR_M:.0f} cm and more off", **style,
     )  # fmt: skip
-    axis.plot(
-        *outcome.path_m.T, color=colour(name), lw=1.0, label="where the robot thinks it drove"
-    )
+    axis.plot(*outcome.path_m.T, color=_WAY, lw=1.4, label="where the robot thinks it drove")
     quality = outcome.quality
     said = (
         "called failed" if outcome.is_called_failed else "good" if outcome.is_good else "not good"
