@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from kitasap_sim.laser import LaserSpec
-from kitasap_sim.places import PlaceMap
+from kitasap_sim.place_map import PlaceMap
 from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.se2 import SE2

@@ -8,7 +8,8 @@ from experiments.assumptions import assumed_laser, assumed_mount_sigma
 from experiments.mapping_drive import made_surfaces
 from experiments.paper import PAPER_ICP
 from kitasap_sim.laser import LaserSpec
-from kitasap_sim.places import Place, PlaceMap
+from kitasap_sim.place_map import PlaceMap
+from kitasap_sim.places import Place
 from slam.icp import CoarseToFineConfig
 from slam.laser_model import LaserModel
 from slam.lines import LineMap

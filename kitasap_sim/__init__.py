@@ -17,7 +17,8 @@ if TYPE_CHECKING:
     from kitasap_sim.drive import Driver, Pilot
     from kitasap_sim.hand import Kidnap, Operator, kidnap
     from kitasap_sim.laser import LASERS, LaserSpec
-    from kitasap_sim.places import Place, PlaceMap
+    from kitasap_sim.place_map import PlaceMap
+    from kitasap_sim.places import Place
     from kitasap_sim.robot import KITASAP2, ODOMETRY_PRESETS, OdometryPreset
     from kitasap_sim.simulation import SensorFrame, Simulation, Truth
 

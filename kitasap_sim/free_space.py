@@ -31,7 +31,8 @@ class Grid:
     def cells(self, points_m: np.ndarray) -> np.ndarray:
         """(K, 2) cell of each point (K, 2), clipped to the grid."""
         cells = np.floor((points_m - self.origin_m) / self.cell_m).astype(int)
-        return np.clip(cells, 0, np.array(self.shape) - 1)
+        result: np.ndarray = np.clip(cells, 0, np.array(self.shape) - 1)
+        return result
 
     def centres_m(self, cells: np.ndarray) -> np.ndarray:
         """(K, 2) middles of cells (K, 2) [m]."""
@@ -156,7 +157,8 @@ def roomiest_cell(room: np.ndarray) -> np.ndarray:
     while True:
         smaller = room & ~widened(~room, 1.5)
         if not smaller.any():
-            return np.argwhere(room)[0]
+            result: np.ndarray = np.argwhere(room)[0]
+            return result
         room = smaller
 
 

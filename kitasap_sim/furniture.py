@@ -45,7 +45,8 @@ class Piece:
     def sides_m(self) -> np.ndarray:
         """(2,) width and depth of the box around it [m]."""
         boxes_m = self.boxes_m[:, :, :2]
-        return boxes_m[:, 1].max(axis=0) - boxes_m[:, 0].min(axis=0)
+        result: np.ndarray = boxes_m[:, 1].max(axis=0) - boxes_m[:, 0].min(axis=0)
+        return result
 
     @property
     def is_floor(self) -> bool:

@@ -67,7 +67,8 @@ def slice_at(triangles: np.ndarray, height_m: float) -> np.ndarray:
     is_cut = (above < 0) != (above_end < 0)  # two of the three edges, always
     share = np.divide(above, above - above_end, where=is_cut, out=np.zeros_like(above))
     points = start[:, :, :2] + share[:, :, None] * (end - start)[:, :, :2]
-    return points[is_cut].reshape(-1, 2, 2)
+    result: np.ndarray = points[is_cut].reshape(-1, 2, 2)
+    return result
 
 
 def cuts_at(solids: Iterable[np.ndarray], height_m: float) -> np.ndarray:
@@ -144,11 +145,11 @@ def _triangles(model: mujoco.MjModel, geom: int) -> np.ndarray:
     kind, size = mujoco.mjtGeom(model.geom_type[geom]), model.geom_size[geom]
     match kind:
         case mujoco.mjtGeom.mjGEOM_BOX:
-            return (_BOX_CORNERS * size)[_BOX_FACES]
+            return np.asarray((_BOX_CORNERS * size)[_BOX_FACES])
         case mujoco.mjtGeom.mjGEOM_PLANE:
             x, y = (extent if extent > 0 else _INFINITE_PLANE_M for extent in size[:2])
             corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
-            return corners[np.array([[0, 1, 2], [0, 2, 3]])]
+            return np.asarray(corners[np.array([[0, 1, 2], [0, 2, 3]])])
         case mujoco.mjtGeom.mjGEOM_CYLINDER:
             profile = np.array(
                 [[0, -size[1]], [size[0], -size[1]], [size[0], size[1]], [0, size[1]]]
@@ -161,7 +162,7 @@ def _triangles(model: mujoco.MjModel, geom: int) -> np.ndarray:
         case mujoco.mjtGeom.mjGEOM_SPHERE | mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             bow = np.linspace(-np.pi / 2, np.pi / 2, _FACETS // 2 + 1)
             radii = size if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID else size[0]
-            return _revolved(np.stack([np.cos(bow), np.sin(bow)], 1)) * radii
+            return np.asarray(_revolved(np.stack([np.cos(bow), np.sin(bow)], 1)) * radii)
         case mujoco.mjtGeom.mjGEOM_MESH:
             mesh = model.geom_dataid[geom]
             first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]

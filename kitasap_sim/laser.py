@@ -110,7 +110,8 @@ class LaserSpec:
             return np.zeros_like(ranges_m)
         if len(self.sigma_at_m) == 1:
             return np.full_like(ranges_m, self.sigma_at_m[0][1])
-        return np.interp(ranges_m, *self._sigma_table)
+        result: np.ndarray = np.interp(ranges_m, *self._sigma_table)
+        return result
 
     @cached_property
     def _sigma_table(self) -> np.ndarray:

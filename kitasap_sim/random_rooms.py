@@ -172,7 +172,7 @@ def _add_start(spec: mujoco.MjSpec, size_m: np.ndarray, rng: np.random.Generator
 
 def _room_m(spec: mujoco.MjSpec, spots_m: np.ndarray, size_m: np.ndarray) -> np.ndarray:
     """(K,) how far spots (K, 2) are from all that stands in the room, 0 and less within it."""
-    room_m = np.minimum(spots_m, size_m - spots_m).min(axis=1)
+    room_m: np.ndarray = np.minimum(spots_m, size_m - spots_m).min(axis=1)
     for geom in spec.worldbody.geoms[1:]:  # without the floor
         away_m, (c, _, _, s) = spots_m - geom.pos[:2], geom.quat
         cos, sin = c * c - s * s, 2.0 * c * s

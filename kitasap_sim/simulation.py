@@ -253,7 +253,7 @@ class Simulation:
         self._move_base(self.place.start)
         mujoco.mj_step(self.model, self.data, nstep=round(_SETTLE_S / self.timestep_s))
         self._check_stand()
-        rest = self.data.qpos.copy()
+        rest: np.ndarray = self.data.qpos.copy()
         rest[self._wheel_qpos] = 0.0
         return rest
 

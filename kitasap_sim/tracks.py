@@ -152,4 +152,5 @@ def _points(points_m: np.ndarray) -> tuple[Point, ...]:
 
 def _apart(spots_m: np.ndarray, waypoint_m: np.ndarray) -> np.ndarray:
     """Those of spots (K, 2) that are far enough from a waypoint (2,)."""
-    return spots_m[np.hypot(*(spots_m - waypoint_m).T) >= _WAYPOINTS_APART_M]
+    result: np.ndarray = spots_m[np.hypot(*(spots_m - waypoint_m).T) >= _WAYPOINTS_APART_M]
+    return result

@@ -83,8 +83,10 @@ class Beams:
         if len(self) == 0:
             return np.zeros(2)
         if self._is_of_one_origin:
-            return self.origins_m[0].copy()
-        return (self.origins_m.min(axis=0) + self.origins_m.max(axis=0)) / 2.0
+            first: FloatArray = self.origins_m[0].copy()
+            return first
+        middle: FloatArray = (self.origins_m.min(axis=0) + self.origins_m.max(axis=0)) / 2.0
+        return middle
 
     @cached_property
     def spread_m(self) -> float:

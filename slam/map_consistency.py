@@ -240,7 +240,8 @@ def _near(poses: FloatArray, config: ConsistencyConfig) -> IntArray:
     if len(poses) < 2:
         return np.empty((0, 2), dtype=np.int64)
     found = cKDTree(poses[:, :2]).query_pairs(config.radius_m, output_type="ndarray")
-    return found[np.abs(found[:, 1] - found[:, 0]) > config.apart]
+    result: IntArray = found[np.abs(found[:, 1] - found[:, 0]) > config.apart]
+    return result
 
 
 def _contradicted(

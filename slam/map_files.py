@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.se2 import FARTHEST_M, SE2
@@ -195,9 +195,10 @@ def _origin(fields: dict[object, object], path: Path) -> SE2:
 
 def _mode(fields: dict[object, object], path: Path) -> MapMode:
     mode = fields.get("mode", "trinary")
-    for known in get_args(MapMode):
-        if mode == known:
-            return known
+    known: tuple[MapMode, ...] = get_args(MapMode)
+    for one in known:
+        if mode == one:
+            return one
     raise ValueError(f"{path.name}: mode must be trinary, scale or raw, not {shown(mode)}")
 
 
@@ -278,7 +279,7 @@ def _decoded(path: Path) -> Image.Image:
             is_too_large = columns * rows > _MOST_CELLS
             if not is_too_large:
                 picture.load()
-    except Image.UnidentifiedImageError as error:
+    except UnidentifiedImageError as error:
         known = ", ".join(name.lower() for name in ("PGM", *_READ_FORMATS[1:]))
         raise ValueError(f"{path.name}: not an image of a known format ({known})") from error
     except Image.DecompressionBombError as error:

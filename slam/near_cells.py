@@ -66,4 +66,5 @@ def _near_squares(points: FloatArray, x: FloatArray, y: FloatArray, side_m: floa
 
 def _squares(middles_m: FloatArray, at_m: FloatArray, side_m: float) -> IntArray:
     """(K,) in which square along an axis each place lies; the first cell is in square 0."""
-    return np.floor((at_m - middles_m[0]) / side_m).astype(np.int64)
+    result: IntArray = np.floor((at_m - middles_m[0]) / side_m).astype(np.int64)
+    return result

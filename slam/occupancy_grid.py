@@ -86,7 +86,8 @@ class OccupancyGrid:
     @property
     def is_free(self) -> BoolArray:
         """(rows, columns) True where the cell is free: known, and 25 at most."""
-        return (self.cells != UNKNOWN) & (self.cells <= _FREE_AT_MOST)
+        result: BoolArray = (self.cells != UNKNOWN) & (self.cells <= _FREE_AT_MOST)
+        return result
 
     @property
     def is_occupied(self) -> BoolArray:

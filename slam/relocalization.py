@@ -267,7 +267,7 @@ def in_front_of(segment_map: SegmentMap, slack_m: float) -> FreeSpace:
         distances_m = np.asarray(tree.query(middles)[0])
         told = [of_square(*one) for one in zip(middles, distances_m.tolist(), strict=True)]
         found = np.array(told, dtype=np.int64)[of_point]
-        is_open = found == 1
+        is_open: BoolArray = found == 1
         is_open[found < 0] = is_free_at(points[found < 0])
         return is_open
 

@@ -11,8 +11,9 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.keyframes import Keyframe
 from slam.known_map import KnownMap, laser_seen
+from slam.look import Look
 from slam.loop_closing import Loop, LoopCloser
-from slam.lost import Guard, Look
+from slam.lost import Guard
 from slam.map_consistency import ConsistencyConfig
 from slam.pose_arrays import composed
 from slam.se2 import SE2

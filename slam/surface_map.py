@@ -98,7 +98,8 @@ class SurfaceMatch:
     @property
     def covariance(self) -> FloatArray:
         """(3, 3) of the pose."""
-        return inverse_of(self.joined)
+        result: FloatArray = inverse_of(self.joined)
+        return result
 
     @property
     def least_facing(self) -> float:

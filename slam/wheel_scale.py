@@ -86,9 +86,10 @@ class WheelScale:
     def predict(self, covariance: FloatArray, motion: SE2, spread: FloatArray) -> FloatArray:
         """(3, 3) the pose's covariance after a motion by the wheels, of which spread (3, 3) is."""
         self._told = motion
-        return kernels.predict(
+        result: FloatArray = kernels.predict(
             covariance, self._across, motion.as_array(), self.scale, self.variance, spread
         )
+        return result
 
     def update(
         self,

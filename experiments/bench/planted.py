@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from experiments import methods, sources, worlds
+from experiments.paper import PAPER_ICP
 from kitasap_sim.laser import LaserSpec
 from kitasap_sim.simulation import SensorFrame
 from slam.measurements import Measurement
@@ -62,7 +63,7 @@ def dropped_beams() -> AbstractContextManager[None]:
 
 def early_icp() -> AbstractContextManager[None]:
     """The paper's ICP gives up after five iterations, and hands on what it has."""
-    short = replace(methods.PAPER_ICP, max_iterations=FEW_ITERATIONS)
+    short = replace(PAPER_ICP, max_iterations=FEW_ITERATIONS)
     return _instead(methods, "PAPER_ICP", short)
 
 

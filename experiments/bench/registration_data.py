@@ -7,7 +7,8 @@ import numpy as np
 from experiments.assumptions import assumed_laser
 from experiments.bench.registration import KnownMap
 from kitasap_sim.laser import LaserSpec, laser, measured_ranges
-from kitasap_sim.places import Place, PlaceMap
+from kitasap_sim.place_map import PlaceMap
+from kitasap_sim.places import Place
 from kitasap_sim.simulation import Simulation
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan

@@ -243,7 +243,7 @@ def config_of(
     from experiments.runs import experiment_module
 
     own = experiment_module(experiment).DEFAULTS
-    return replace(
+    result: TrialConfig = replace(
         own,
         # any word may be typed: checked() refuses the wrong ones
         poses=poses,
@@ -257,6 +257,7 @@ def config_of(
         turn_rate_radps=own.turn_rate_radps if turn_rate is None else turn_rate,
         duration_s=own.duration_s if duration is None else duration,
     )
+    return result
 
 
 def check_used(

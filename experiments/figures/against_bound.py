@@ -98,7 +98,8 @@ def _within_position(x: float, bounds: np.ndarray) -> np.ndarray:
 
 def _within_heading(x: float, bounds: np.ndarray) -> np.ndarray:
     """The chance that a Gaussian of that standard deviation stays within x to either side."""
-    return np.interp(x / bounds, _ERF_Z, _ERF)
+    result: np.ndarray = np.interp(x / bounds, _ERF_Z, _ERF)
+    return result
 
 
 def _panel(axis: Axes, errors: _Errors, within: Callable[[float, np.ndarray], np.ndarray]) -> None:

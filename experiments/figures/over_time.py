@@ -117,7 +117,10 @@ def _rms(table: np.ndarray) -> np.ndarray:
     """(T,) over the trials that have a number there; nan where none has."""
     count = np.isfinite(table).sum(axis=0)
     total = np.nansum(table**2, axis=0)
-    return np.sqrt(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
+    result: np.ndarray = np.sqrt(
+        np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0)
+    )
+    return result
 
 
 def _legend(figure: Any, methods: list[str], trials: int, has_band: bool) -> None:

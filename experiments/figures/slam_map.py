@@ -4,6 +4,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
 from experiments.figures.canvas import plain, saved
@@ -60,7 +61,7 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     return saved(figure, folder / "slam")
 
 
-def _draw_loops(axes: plt.Axes, result: SlamLog) -> None:
+def _draw_loops(axes: Axes, result: SlamLog) -> None:
     poses = result.slam_map.poses
     for loops, colour, words in (
         (result.slam_map.loops, "#00913a", "loops"),

@@ -62,4 +62,5 @@ def _room(
             off_x = max(boxes_m[b, 0] - px, px - boxes_m[b, 1], 0.0)
             off_y = max(boxes_m[b, 2] - py, py - boxes_m[b, 3], 0.0)
             least = min(least, off_x * off_x + off_y * off_y)
-    return np.sqrt(least)
+    result: float = np.sqrt(least)
+    return result

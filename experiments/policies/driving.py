@@ -105,11 +105,12 @@ class Driver:
         self, command: _Command, velocity: np.ndarray, obstacles_m: np.ndarray
     ) -> tuple[float, float]:
         """What a command keeps at the least, until the robot stands again; what is kept now [m]."""
-        return room_on_arc(
+        result: tuple[float, float] = room_on_arc(
             obstacles_m, OUTLINE_M, (float(velocity[0]), float(velocity[1])), command,
             (ACCELERATION_MPS2, TURN_ACCELERATION_RADPS2),
             (self.config.lag_s, self.config.held_s, 0.5 * CONTROL_S),
         )  # fmt: skip
+        return result
 
     def _safest(
         self,

@@ -90,7 +90,8 @@ def clearances(
                     square = dx * dx + dy * dy
                     if square < squares[a - i0, b - j0]:
                         squares[a - i0, b - j0] = square
-    return np.sqrt(squares)
+    result: FloatArray = np.sqrt(squares)
+    return result
 
 
 @compiled

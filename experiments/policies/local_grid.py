@@ -114,7 +114,8 @@ class LocalGrid:
     def cell(self, point_m: np.ndarray) -> np.ndarray:
         """(2,) the cell of a point (2,); the nearest one beyond the grid."""
         cell = np.floor((np.asarray(point_m) - self.origin_m) / CELL_M).astype(np.int64)
-        return cell.clip(0, self.evidence.shape[0] - 1)
+        result: np.ndarray = cell.clip(0, self.evidence.shape[0] - 1)
+        return result
 
     def middles_m(self, cells: np.ndarray) -> np.ndarray:
         """(K, 2) middles of cells (K, 2) [m]."""
@@ -122,15 +123,17 @@ class LocalGrid:
 
     def clearance_m(self, window: tuple[int, int, int, int]) -> np.ndarray:
         """From the middles of a window's cells to the nearest obstacle, 0.7 m at most [m]."""
-        return kernels.clearances(
+        result: np.ndarray = kernels.clearances(
             self.evidence, self.hits_m, self.origin_m, CELL_M, window, _CLEAR_M
         )
+        return result
 
     def obstacles_near(self, reach_m: float) -> np.ndarray:
         """(K, 2) obstacles in a square about the robot, in its frame [m]."""
-        return kernels.hits_near(
+        result: np.ndarray = kernels.hits_near(
             self.evidence, self.hits_m, self.origin_m, CELL_M, self.pose, reach_m
         )
+        return result
 
     def in_robot(self, point_m: np.ndarray) -> np.ndarray:
         """(2,) a point of the grid's frame in the robot's [m]."""
@@ -141,7 +144,8 @@ class LocalGrid:
     def from_robot(self, points_m: np.ndarray) -> np.ndarray:
         """(..., 2) points of the robot's frame in the grid's [m]."""
         c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
-        return self.pose[:2] + points_m @ np.array([[c, s], [-s, c]])
+        result: np.ndarray = self.pose[:2] + points_m @ np.array([[c, s], [-s, c]])
+        return result
 
 
 def _composed(frame: np.ndarray, pose: np.ndarray) -> np.ndarray:

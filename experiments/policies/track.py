@@ -85,7 +85,8 @@ def _turns_rad(path_m: np.ndarray) -> np.ndarray:
     legs_m = np.diff(path_m, axis=0)
     is_leg = np.hypot(*legs_m.T) > 1e-3
     headings = np.arctan2(legs_m[:, 1], legs_m[:, 0])[is_leg]
-    return np.abs((np.diff(headings) + math.pi) % math.tau - math.pi)
+    result: np.ndarray = np.abs((np.diff(headings) + math.pi) % math.tau - math.pi)
+    return result
 
 
 def _most_mps(path_m: np.ndarray, turns_rad: np.ndarray) -> float:

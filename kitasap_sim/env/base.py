@@ -262,7 +262,8 @@ class KitasapEnv(KeepsSpec, gymnasium.Env[Observation, np.ndarray]):
             from kitasap_sim.env.picture import Picture
 
             self._renderer = Picture(self.simulation, is_shown=self.render_mode == "human")
-        return self._renderer.drawn(self._ranges_m, self._marks())
+        result: np.ndarray | None = self._renderer.drawn(self._ranges_m, self._marks())
+        return result
 
     def close(self) -> None:
         """Gives back what pictures hold; again does nothing."""

@@ -47,6 +47,7 @@ class Path:
     def nearest(self, point_m: np.ndarray, near_m: float) -> tuple[float, float]:
         """Length along it, from near_m on, of the point nearest to a point (2,); how far [m]."""
         high_m = min(near_m + _REACH_M, self.length_m)
-        return nearest_along(
+        result: tuple[float, float] = nearest_along(
             self.corners_m, self._at_m, float(point_m[0]), float(point_m[1]), float(near_m), high_m
         )
+        return result

@@ -12,11 +12,12 @@ def _kept(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 
     def compile_(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
-            return njit(cache=True, **options)(function)
+            compiled: Callable[..., Any] = njit(cache=True, **options)(function)
         except RuntimeError as error:
             if "cannot cache" not in str(error):
                 raise
-            return njit(**options)(function)
+            compiled = njit(**options)(function)
+        return compiled
 
     return compile_
 

@@ -108,7 +108,8 @@ def _cosine(
     """Of the angle between a beam and the normal of a wall, at a heading of cosine c and sine s."""
     nx = c * normals[wall, 0] + s * normals[wall, 1]
     ny = c * normals[wall, 1] - s * normals[wall, 0]
-    return max(abs(nx * directions[i, 0] + ny * directions[i, 1]), _MIN_COSINE)
+    result: float = max(abs(nx * directions[i, 0] + ny * directions[i, 1]), _MIN_COSINE)
+    return result
 
 
 @compiled

@@ -44,7 +44,8 @@ _SHORT_STEP = 1.0
 @compiled
 def reach_of(limits: FloatArray) -> float:
     """How far beams are followed [m]: farther than the laser measures, what lies beyond counts too."""
-    return 1.2 * limits[1] + 1.0
+    result: float = 1.2 * limits[1] + 1.0
+    return result
 
 
 @compiled

@@ -213,7 +213,8 @@ def density(z: float, h: float, noise: FloatArray, limits: FloatArray) -> float:
     sigma = sigma_at(noise, h)
     if not limits[0] + 3.0 * sigma <= h <= limits[1] - 3.0 * sigma:
         return 0.0
-    return bell((z - h) / sigma) / sigma
+    result: float = bell((z - h) / sigma) / sigma
+    return result
 
 
 @compiled

@@ -21,7 +21,8 @@ _SMALL_ANGLE_RAD = 1e-3
 @compiled
 def wrapped(angle_rad: float) -> float:
     """The same angle in [-pi, pi]."""
-    return angle_rad - 2.0 * math.pi * np.rint(angle_rad / (2.0 * math.pi))
+    result: float = angle_rad - 2.0 * math.pi * np.rint(angle_rad / (2.0 * math.pi))
+    return result
 
 
 @compiled

@@ -80,7 +80,7 @@ def distances_into(vertices: FloatArray, middle: FloatArray, bearings: FloatArra
 def first_beam(angles: FloatArray, low: float, per_rad: float) -> int:
     """Index of the first beam at an angle of `low` or more; the number of beams where none is."""
     count = angles.shape[0]
-    i = min(max(int((low - angles[0]) * per_rad), 0), count - 1)
+    i: int = min(max(int((low - angles[0]) * per_rad), 0), count - 1)
     while i > 0 and angles[i - 1] >= low:
         i -= 1
     while i < count and angles[i] < low:

@@ -140,7 +140,8 @@ def put(
                     index[(column + u - 1) & _MASK, (row + v - 1) & _MASK] = -1
                     free[free[-1]] = entry
                     free[-1] += 1
-    return points.shape[0]
+    result: int = points.shape[0]
+    return result
 
 
 @compiled

@@ -34,7 +34,7 @@ def predict(
     c, s = math.cos(told[2]), math.sin(told[2])
     x, y = scale * told[0], scale * told[1]
     ahead, aside = c * told[0] + s * told[1], c * told[1] - s * told[0]
-    after = carried(covariance, x, y, told[2]) + spread
+    after: FloatArray = carried(covariance, x, y, told[2]) + spread
     dx, dy = across[0] - y * across[2], across[1] + x * across[2]
     was_x, was_y = c * dx + s * dy, c * dy - s * dx
     after[0, 0] += 2.0 * was_x * ahead + variance * ahead * ahead

@@ -129,7 +129,8 @@ class System:
     @property
     def diagonal(self) -> FloatArray:
         """(U,) diagonal of J^T W J."""
-        return self._values[self._diagonal_entries]
+        result: FloatArray = self._values[self._diagonal_entries]
+        return result
 
     def _lay_out(self, ends: IntArray, indptr: IntArray, indices: IntArray) -> None:
         """Where each entry lies; a node's columns are as high as its blocks, (E, 2) its unknowns."""

@@ -105,4 +105,7 @@ class NoReturnSearch:
 
 
 def _cells_of(ranges_m: FloatArray | float) -> IntArray:
-    return np.rint(np.minimum(ranges_m, _CELLS) * _CELLS_PER_M).clip(0, _CELLS - 1).astype(np.int64)
+    result: IntArray = (
+        np.rint(np.minimum(ranges_m, _CELLS) * _CELLS_PER_M).clip(0, _CELLS - 1).astype(np.int64)
+    )
+    return result

@@ -16,7 +16,8 @@ from experiments.mapping_drive import track_or_round
 from experiments.runs import trial_result
 from experiments.trials import TrialConfig, generator
 from kitasap_sim.laser import laser
-from kitasap_sim.places import Place, PlaceMap
+from kitasap_sim.place_map import PlaceMap
+from kitasap_sim.places import Place
 from tests.experiments.refusals import line_of_refusal
 
 WALL = np.array([[[2.0, -1.0], [2.0, 1.0]]])  # its open side is on the left, towards the origin
