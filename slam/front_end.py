@@ -119,7 +119,10 @@ class FrontEnd:
             match, status = None, StepStatus.BROKEN
         self.T_map_base = T_predicted
         inlier_ratio = 0.0
+        is_open = match is not None and match.least_facing < self.config.least_facing
         if match is not None:
+            if is_open and status is StepStatus.MATCHED:
+                match = match.held_along_open(T_predicted, inverse_of(self._P), self._gain)
             self._learn_scale(T_predicted, match)
             self.T_map_base, self._P, inlier_ratio = (
                 match.T_map_base, match.covariance, match.inlier_ratio
@@ -138,17 +141,21 @@ class FrontEnd:
         return FrontEndStep(
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
             inlier_ratio, is_new,
-            is_open=match is not None and match.least_facing < self.config.least_facing,
+            is_open=is_open,
             passed_ratio=passed_ratio,
         )  # fmt: skip
 
+    @property
+    def _gain(self) -> float:
+        """By how much a scan pulls at the pose more than it adds to what is known of it."""
+        return self.config.surfaces.pull / self.config.surfaces.share
+
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
         """What a scan says of the wheels' scale, by as much as it was let pull at the pose."""
-        surfaces = self.config.surfaces
         self.wheel_scale.update(
             self._P,
             (T_predicted.inverse() @ match.T_map_base).log(),
-            match.information * (surfaces.pull / surfaces.share),
+            match.information * self._gain,
             match.least_facing,
         )
 

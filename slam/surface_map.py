@@ -8,7 +8,7 @@ lost at each door of 12 cm thick walls.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +114,33 @@ class SurfaceMatch:
         yy = information[1, 1] - y * y / information[2, 2]
         xy = information[0, 1] - x * y / information[2, 2]
         return float((0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)) / total)
+
+    def held_along_open(self, T_predicted: SE2, odometry: FloatArray, gain: float) -> SurfaceMatch:
+        """The same, with what it tells along its weakest direction left out: the odometry tells there.
+
+        odometry: (3, 3) information of T_predicted, gain: of what the scan tells, as they were when
+        the two were matched. Degenerate directions left to the prediction: Zhang, Kaess and Singh, ICRA
+        2016; here the pose and its covariance are those of scan and odometry without that direction.
+        """
+        known = gain * self.information
+        turn = known[:2, 2] / max(known[2, 2], 1e-300)
+        _, directions = np.linalg.eigh(known[:2, :2] - np.outer(turn, known[:2, 2]))
+        # moved so, and turned with it, the scan fits all but as well
+        open_ = np.array([*directions[:, 0], -turn @ directions[:, 0]])
+        seen = known @ open_
+        told = float(open_ @ seen)
+        if not told > 0.0:
+            return self
+        share = np.outer(seen, seen) / told
+        both = odometry + known
+        pull = both @ (T_predicted.inverse() @ self.T_map_base).log()
+        step = inverse_of(both - share) @ (pull - seen * (open_ @ pull) / told)
+        return replace(
+            self,
+            T_map_base=T_predicted @ SE2.exp(step),
+            information=self.information - share / gain,
+            joined=self.joined - share / gain,
+        )
 
 
 class SurfaceMap:

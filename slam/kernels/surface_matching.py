@@ -38,8 +38,8 @@ _FITS = 9.0
 _LEAST_LEFT = 0.1
 """Share of a scan's information that is left along any direction: how much of it noise makes is itself
 known roughly. Chosen."""
-_HALVINGS = 6
-"""To find what may be taken off, to 3 %."""
+_LEAST_KNOWN = 1e-9
+"""Of the largest entry: a scan that tells less along some direction has nothing to be taken off."""
 
 # what `stats` holds of a match
 SEEN, FITTING, COST, STEPS, ODOMETRY_WEIGHT = 0, 1, 2, 3, 4
@@ -127,7 +127,8 @@ def align(
                 wide = variance + surfel[VARIANCE]
                 limit = scale + _KERNEL * wide
                 share = limit / (limit + residual * residual)
-                # so few points may lie on a line by chance: the usual noise is added to theirs
+                # so few points may lie on a line by chance: where they are weighed, the usual noise is
+                # added to theirs; what they pull is mended by their own alone, which is unbiased
                 turned = surfel[DIRECTION_VARIANCE] + variance / surfel[LEVER]
                 beyond_m = surfel[NORMAL_Y] * x - surfel[NORMAL_X] * y - surfel[MIDDLE]
                 weight = share * share / (wide + turned * beyond_m * beyond_m)
@@ -189,17 +190,21 @@ def align(
 
 @compiled
 def _take_off(information: FloatArray, noise: FloatArray, root: FloatArray) -> None:
-    """Information (3, 3) less as much of what noise (3, 3) makes of it as leaves some, in place."""
-    low, high, share = 0.0, 1.0, 1.0
-    for _ in range(_HALVINGS):
-        if lower_root_into((1.0 - _LEAST_LEFT) * information - share * noise, 0.0, root):
-            low = share
-            if share == 1.0:
-                break
-        else:
-            high = share
-        share = 0.5 * (low + high)
-    information -= low * noise
+    """Information (3, 3) less what noise (3, 3) makes of it, in place; along each direction of both
+    some is left. root: (3, 3) to work in."""
+    largest = max(information[0, 0], information[1, 1], information[2, 2])
+    if not lower_root_into(information, _LEAST_KNOWN * largest, root):
+        return
+    # the noise where information is the same along all directions, and equal to one
+    scaled = np.linalg.solve(root, np.linalg.solve(root, noise).T)
+    shares, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    for k in range(3):
+        share = min(shares[k], 1.0 - _LEAST_LEFT)
+        if share > 0.0:
+            told = root @ np.ascontiguousarray(directions[:, k])
+            for i in range(3):
+                for j in range(3):
+                    information[i, j] -= share * told[i] * told[j]
 
 
 @compiled

@@ -10,6 +10,7 @@ from slam.front_end import FrontEnd
 from slam.keyframes import StepStatus
 from slam.measurements import Measurement
 from slam.se2 import SE2
+from slam.surface_map import SurfaceMap, faced
 from tests.slam import ring
 from tests.slam.synthetic import room, scan_of
 
@@ -83,3 +84,41 @@ def test_a_scan_that_looks_through_the_walls_just_seen_is_not_placed_among_them(
     assert steps[9].passed_ratio > 0.8
     assert steps[9].status is StepStatus.BROKEN
     assert steps[10].status is StepStatus.MATCHED
+
+
+@pytest.mark.parametrize("step_m", [-0.05, 0.0, 0.05])
+def test_between_bare_walls_the_wheels_alone_say_how_far(step_m):
+    # of noise, what scans seem to tell of the way adds up: 10 m of 12 were lost, or 2 m come by standing
+    walls, angles = room(-30.0, -1.0, 75.0, 1.0), np.radians(np.linspace(-120.0, 120.0, 683))
+    front_end, rng, pose = FrontEnd(SE2.identity()), np.random.default_rng(0), SE2(5.0, 0.0, 0.0)
+    noise = np.diag([0.011, 0.011, 0.008]) ** 2
+    for index in range(121):
+        scan = scan_of(walls, pose, rng, 0.01, angles, range_max_m=4.0)
+        told = SE2(step_m, 0.0, 0.0) if index else SE2.identity()
+        step = front_end.update(Measurement(0.1 * index, told, scan, noise))
+        assert index == 0 or step.is_open
+        pose = pose @ SE2(step_m, 0.0, 0.0)
+    assert front_end.T_map_base.x == pytest.approx(120 * step_m, abs=0.02)
+    assert abs(front_end.T_map_base.y) < 0.02
+
+
+def test_what_is_held_along_the_open_direction_agrees_with_the_scan_in_all_others():
+    walls, rng, surfaces = room(-9.0, -1.0, 9.0, 1.0), np.random.default_rng(4), SurfaceMap()
+
+    def seen_at(pose: SE2) -> np.ndarray:
+        points = scan_of(walls, pose, rng, 0.01, range_max_m=4.0).points(SE2.identity())
+        return faced(points, np.zeros(2))
+
+    surfaces.add(seen_at(SE2.identity()))
+    true, told, odometry = SE2(0.3, 0.05, 0.02), SE2(0.35, 0.0, 0.0), np.diag([1e3, 1e3, 1e4])
+    gain = surfaces.config.pull / surfaces.config.share
+    match = surfaces.match(seen_at(true), told, told, odometry)
+    held = match.held_along_open(told, odometry, gain)
+    # along a corridor that runs in its own direction
+    along = np.array([math.cos(true.theta), -math.sin(true.theta), 0.0])
+    assert held.T_map_base.x == pytest.approx(0.35, abs=1e-3)
+    assert abs(held.T_map_base.y - true.y) < 0.01
+    assert abs(held.T_map_base.theta - true.theta) < 0.005
+    assert along @ held.information @ along < 1e-3 * (along @ match.information @ along) + 1.0
+    assert 1.0 / (along @ held.covariance @ along) == pytest.approx(1e3, rel=0.05)
+    assert np.linalg.eigvalsh(held.information).min() > -1e-6
