@@ -217,7 +217,7 @@ def _mapped(
         else Mapper.continued(known, log.T_base_laser, start, config)
     )
     started_s = time.thread_time()
-    warm_up()
+    warm_up(is_continued=known is not None)
     warm_up_s = time.thread_time() - started_s
     with _left_alone():
         return replace(_driven(log, mapper, known, on_scan, observer), warm_up_cpu_s=warm_up_s)

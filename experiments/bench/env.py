@@ -23,12 +23,16 @@ _NATIVE = 64
 
 def print_benchmark(place: str, difficulty: float, seed: int) -> dict[str, Any]:
     """Measures and prints both tables; the figures."""
-    console = wide_console()
+    console, figures = wide_console(), measured(place, difficulty, seed)
+    console.print(_cost_table(figures["cost"], f"{place}, seed {seed}"))
+    console.print(_vector_table(figures["vector"]))
+    return figures
+
+
+def measured(place: str, difficulty: float, seed: int) -> dict[str, Any]:
+    """What a step of each task costs, and how fast many episodes are at once."""
     rows = [_cost(env_id, place, difficulty, seed) for env_id in ENTRY_POINTS]
-    console.print(_cost_table(rows, f"{place}, seed {seed}"))
-    vector = _vector_rates(place, difficulty, seed)
-    console.print(_vector_table(vector))
-    return {"cost": rows, "vector": vector}
+    return {"cost": rows, "vector": _vector_rates(place, difficulty, seed)}
 
 
 def _cost(env_id: str, place: str, difficulty: float, seed: int) -> dict[str, Any]:

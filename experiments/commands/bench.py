@@ -18,6 +18,23 @@ def bench(context: typer.Context) -> None:
         print(context.get_help())
 
 
+@app.command("all")
+def overview(
+    log: Annotated[
+        Path | None, typer.Argument(help="A recorded log, for mapping; else that is left out.")
+    ] = None,
+    trials: Annotated[int, typer.Option(min=2, help="Of registration and relocalisation.")] = 30,
+    seed: Seed = 0,
+    out: Annotated[Path | None, typer.Option(help="Write the table in Markdown to it.")] = None,
+) -> None:
+    """Simulation, registration, relocalisation, mapping and tasks, with peers, in one table."""
+    from experiments.bench.overview import print_benchmark
+
+    if out is not None:
+        checked_file(out)
+    print_benchmark(log, trials, seed, out)
+
+
 @app.command("sim")
 def simulation(place: PlaceName = "room_fig4", laser: Laser = "urg_04lx") -> None:
     """The simulation's speed as a ratio to bare MuJoCo, and how true its robot drives."""
