@@ -25,6 +25,8 @@ from slam.wheel_scale import ScaledStep, WheelScale, WheelScaleConfig
 
 _INTERVALS = 21
 """Between scans, of which the median is the usual one. Chosen."""
+_LITTLE = 0.01
+"""Of the odometry's information, where wheels may be far off."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -216,6 +218,8 @@ class FrontEnd:
             )
             if held.cost < match.cost + config.better:
                 match = held
+        if match.least_facing < config.least_facing:
+            match = self._across_the_way(points, T_predicted, odometry, match)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         if match.inlier_ratio >= max(config.good_inlier_ratio, least):
             return match, StepStatus.MATCHED
@@ -230,6 +234,17 @@ class FrontEnd:
             return None, StepStatus.BROKEN
         return match, status
 
+    def _across_the_way(
+        self, points: FloatArray, T_predicted: SE2, odometry: FloatArray, match: SurfaceMatch
+    ) -> SurfaceMatch:
+        """A match that leaves a direction open, or the one that wheels which say little lead to, if
+        surfaces across that direction make it the better one: of odometry that stands still while
+        the robot drives, wheels hold the scan where what is ahead counts as an outlier."""
+        config = self.config
+        free = self._surfaces.match(points, T_predicted, T_predicted, _LITTLE * odometry)
+        is_better = free.cost < match.cost - config.better
+        return free if is_better and free.least_facing >= config.least_facing else match
+
     def _around(
         self, points: FloatArray, T_last: SE2, T_predicted: SE2, odometry: FloatArray
     ) -> SurfaceMatch:
@@ -240,7 +255,7 @@ class FrontEnd:
         for middle in (T_last, T_predicted):
             starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
         # wheels that are that far off tell little of where along a wall the robot is
-        loose = 0.01 * odometry
+        loose = _LITTLE * odometry
         found += [self._surfaces.match(points, start, T_predicted, loose) for start in starts]
         return min(found, key=lambda match: match.cost)
 

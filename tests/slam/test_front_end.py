@@ -122,3 +122,16 @@ def test_what_is_held_along_the_open_direction_agrees_with_the_scan_in_all_other
     assert along @ held.information @ along < 1e-3 * (along @ match.information @ along) + 1.0
     assert 1.0 / (along @ held.covariance @ along) == pytest.approx(1e3, rel=0.05)
     assert np.linalg.eigvalsh(held.information).min() > -1e-6
+
+
+def test_odometry_that_stands_still_does_not_hold_what_sees_the_end_of_the_way():
+    # the end wall, a few of many beams, is an outlier once the wheels have held the scan for a while
+    walls, half_circle = room(-2.0, -1.0, 14.0, 1.0), np.radians(np.arange(-90.0, 90.5, 0.5))
+    front_end, rng, pose = FrontEnd(SE2.identity()), np.random.default_rng(0), SE2(0.0, 0.0, 0.0)
+    for index in range(80):
+        scan = scan_of(walls, pose, rng, 0.01, half_circle)
+        is_stuck = index == 0 or 20 <= index < 50
+        told, sigma = (SE2.identity(), 1e-3) if is_stuck else (SE2(0.1, 0.0, 0.0), 0.011)
+        front_end.update(Measurement(0.2 * index, told, scan, np.eye(3) * sigma**2))
+        pose = pose @ SE2(0.1, 0.0, 0.0)
+    assert front_end.T_map_base.x == pytest.approx(7.9, abs=0.05)
