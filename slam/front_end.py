@@ -27,6 +27,8 @@ _INTERVALS = 21
 """Between scans, of which the median is the usual one. Chosen."""
 _LITTLE = 0.01
 """Of the odometry's information, where wheels may be far off."""
+_NEAR = 0.3, 0.15
+"""[m], [rad]: what lies farther from where wheels lead is looked for with more care. Chosen."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -242,8 +244,12 @@ class FrontEnd:
         the robot drives, wheels hold the scan where what is ahead counts as an outlier."""
         config = self.config
         free = self._surfaces.match(points, T_predicted, T_predicted, _LITTLE * odometry)
-        is_better = free.cost < match.cost - config.better
-        return free if is_better and free.least_facing >= config.least_facing else match
+        is_better = (
+            free.cost < match.cost - config.better
+            and free.least_facing >= config.least_facing
+            and free.T_map_base.is_near(T_predicted, *_NEAR)
+        )
+        return free if is_better else match
 
     def _around(
         self, points: FloatArray, T_last: SE2, T_predicted: SE2, odometry: FloatArray
