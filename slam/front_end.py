@@ -126,7 +126,7 @@ class FrontEnd:
         is_open = match is not None and match.least_facing < self.config.least_facing
         if match is not None:
             if is_open and status is StepStatus.MATCHED:
-                match = match.held_along_open(T_predicted, inverse_of(self._P), self._gain)
+                match = match.held_along_open(T_predicted, inverse_of(self._P))
             self._learn_scale(T_predicted, match)
             self.T_map_base, self._P, inlier_ratio = (
                 match.T_map_base, match.covariance, match.inlier_ratio
@@ -144,22 +144,15 @@ class FrontEnd:
             self.glances[-1].take(T_keyframe_base, beams)
         return FrontEndStep(
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
-            inlier_ratio, is_new,
-            is_open=is_open,
-            passed_ratio=passed_ratio,
+            inlier_ratio, is_new, is_open=is_open, passed_ratio=passed_ratio,
         )  # fmt: skip
-
-    @property
-    def _gain(self) -> float:
-        """By how much a scan pulls at the pose more than it adds to what is known of it."""
-        return self.config.surfaces.pull / self.config.surfaces.share
 
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
         """What a scan says of the wheels' scale, by as much as it was let pull at the pose."""
         self.wheel_scale.update(
             self._P,
             (T_predicted.inverse() @ match.T_map_base).log(),
-            match.information * self._gain,
+            match.information * match.gain,
             match.least_facing,
         )
 
@@ -270,8 +263,9 @@ class FrontEnd:
         if len(self._window) < 2:
             return 0.0
         before = self.keyframes[-2]
+        T_base_before = T_map_base.inverse() @ before.T_map_base
         seen, through = contradictions(
-            before.points[::_LOOKED_THROUGH], (T_map_base.inverse() @ before.T_map_base).as_array(), beams.middle_m,
+            before.points[::_LOOKED_THROUGH], T_base_before.as_array(), beams.middle_m,
             beams.angles_rad, beams.ranges_m, *self.config.margins, 0.0,
         )  # fmt: skip
         enough = _LOOKED_THROUGH * seen >= self.config.min_points

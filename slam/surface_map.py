@@ -85,7 +85,8 @@ class SurfaceMatch:
     information: (3, 3) of the scan alone, in the base frame's tangent; joined: (3, 3) with the
     odometry's, as far as that was trusted. seen_ratio: share of the points where the map has a
     surface; inlier_ratio: of those, the share that lies on it. cost: mean over all points, 0 for
-    one on a surface, 1 for one that is nowhere near.
+    one on a surface, 1 for one that is nowhere near. gain: by how much more than this information the
+    scan was let pull at the pose.
     """
 
     T_map_base: SE2
@@ -94,6 +95,7 @@ class SurfaceMatch:
     seen_ratio: float
     inlier_ratio: float
     cost: float
+    gain: float
 
     @property
     def covariance(self) -> FloatArray:
@@ -115,14 +117,14 @@ class SurfaceMatch:
         xy = information[0, 1] - x * y / information[2, 2]
         return float((0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)) / total)
 
-    def held_along_open(self, T_predicted: SE2, odometry: FloatArray, gain: float) -> SurfaceMatch:
+    def held_along_open(self, T_predicted: SE2, odometry: FloatArray) -> SurfaceMatch:
         """The same, with what it tells along its weakest direction left out: the odometry tells there.
 
-        odometry: (3, 3) information of T_predicted, gain: of what the scan tells, as they were when
-        the two were matched. Degenerate directions left to the prediction: Zhang, Kaess and Singh, ICRA
-        2016; here the pose and its covariance are those of scan and odometry without that direction.
+        odometry: (3, 3) information of T_predicted, as it was when the two were matched. Degenerate
+        directions left to the prediction: Zhang, Kaess and Singh, ICRA 2016; here the pose and its
+        covariance are those of scan and odometry without that direction.
         """
-        known = gain * self.information
+        known = self.gain * self.information
         turn = known[:2, 2] / max(known[2, 2], 1e-300)
         _, directions = np.linalg.eigh(known[:2, :2] - np.outer(turn, known[:2, 2]))
         # moved so, and turned with it, the scan fits all but as well
@@ -138,8 +140,8 @@ class SurfaceMatch:
         return replace(
             self,
             T_map_base=T_predicted @ SE2.exp(step),
-            information=self.information - share / gain,
-            joined=self.joined - share / gain,
+            information=self.information - share / self.gain,
+            joined=self.joined - share / self.gain,
         )
 
 
@@ -199,12 +201,13 @@ class SurfaceMap:
         configured.
         """
         config, points = self.config, self.thinned(points_base)
+        pull = config.pull if pull is None else pull
         pose, information, stats = T_start.as_array(), np.zeros((3, 3)), np.zeros(5)
         # such that a direction which nothing holds stays where it is
         held = odometry + 1e-6 * np.eye(3)
         matching.align(
             self._index, self._cells, self._sums, self._is_due, self._surfels, self._cells_m, points,
-            config.sigma_m**2, config.pull if pull is None else pull, *self._stages,
+            config.sigma_m**2, pull, *self._stages,
             T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
             stats,
         )  # fmt: skip
@@ -214,7 +217,7 @@ class SurfaceMap:
             SE2.from_array(pose), information,
             information + stats[matching.ODOMETRY_WEIGHT] * held,
             seen / count, stats[matching.FITTING] / max(seen, 1.0),
-            (stats[matching.COST] + len(points) - seen) / count,
+            (stats[matching.COST] + len(points) - seen) / count, pull / config.share,
         )  # fmt: skip
 
     def searched(

@@ -111,9 +111,8 @@ def test_what_is_held_along_the_open_direction_agrees_with_the_scan_in_all_other
 
     surfaces.add(seen_at(SE2.identity()))
     true, told, odometry = SE2(0.3, 0.05, 0.02), SE2(0.35, 0.0, 0.0), np.diag([1e3, 1e3, 1e4])
-    gain = surfaces.config.pull / surfaces.config.share
     match = surfaces.match(seen_at(true), told, told, odometry)
-    held = match.held_along_open(told, odometry, gain)
+    held = match.held_along_open(told, odometry)
     # along a corridor that runs in its own direction
     along = np.array([math.cos(true.theta), -math.sin(true.theta), 0.0])
     assert held.T_map_base.x == pytest.approx(0.35, abs=1e-3)
