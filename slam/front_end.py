@@ -148,11 +148,12 @@ class FrontEnd:
         )  # fmt: skip
 
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
-        """What a scan says of the wheels' scale, by as much as it was let pull at the pose."""
+        """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""
+        surfaces = self.config.surfaces
         self.wheel_scale.update(
             self._P,
             (T_predicted.inverse() @ match.T_map_base).log(),
-            match.information * match.gain,
+            match.information * (surfaces.pull / surfaces.share),
             match.least_facing,
         )
 
