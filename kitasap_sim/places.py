@@ -240,8 +240,7 @@ class Place:
         points_m = np.atleast_2d(points_m)
         upper_m = self._grid.origin_m + np.array(self._grid.shape) * self._grid.cell_m
         is_inside = ((points_m >= self._grid.origin_m) & (points_m < upper_m)).all(axis=1)
-        result: np.ndarray = is_inside & self._free[tuple(self._grid.cells(points_m).T)]
-        return result
+        return np.asarray(is_inside & self._free[tuple(self._grid.cells(points_m).T)])
 
     def is_way_free(self, start_m: np.ndarray, end_m: np.ndarray) -> bool:
         """Whether the robot may move in a straight line between two points (2,) [m]."""

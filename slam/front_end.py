@@ -123,7 +123,7 @@ class FrontEnd:
             match, status = None, StepStatus.BROKEN
         self.T_map_base = T_predicted
         inlier_ratio = 0.0
-        is_open = match is not None and match.least_facing < self.config.least_facing
+        is_open = match is not None and self._is_open(match)
         if match is not None:
             if is_open and status is StepStatus.MATCHED:
                 match = match.held_along_open(T_predicted, inverse_of(self._P))
@@ -214,7 +214,7 @@ class FrontEnd:
             )
             if held.cost < match.cost + config.better:
                 match = held
-        if match.least_facing < config.least_facing:
+        if self._is_open(match):
             match = self._across_the_way(points, T_predicted, odometry, match)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         if match.inlier_ratio >= max(config.good_inlier_ratio, least):
@@ -230,17 +230,20 @@ class FrontEnd:
             return None, StepStatus.BROKEN
         return match, status
 
+    def _is_open(self, match: SurfaceMatch) -> bool:
+        """Whether a scan itself leaves a direction open."""
+        return match.least_facing < self.config.least_facing
+
     def _across_the_way(
         self, points: FloatArray, T_predicted: SE2, odometry: FloatArray, match: SurfaceMatch
     ) -> SurfaceMatch:
         """A match that leaves a direction open, or the one that wheels which say little lead to, if
         surfaces across that direction make it the better one: of odometry that stands still while
         the robot drives, wheels hold the scan where what is ahead counts as an outlier."""
-        config = self.config
         free = self._surfaces.match(points, T_predicted, T_predicted, _LITTLE * odometry)
         is_better = (
-            free.cost < match.cost - config.better
-            and free.least_facing >= config.least_facing
+            free.cost < match.cost - self.config.better
+            and not self._is_open(free)
             and free.T_map_base.is_near(T_predicted, *_NEAR)
         )
         return free if is_better else match

@@ -193,11 +193,7 @@ class LoopCloser:
 
     def _held(self, match: SurfaceMatch) -> float:
         """Information of the weakest direction of the position, of that of the strongest."""
-        known = match.information
-        if known[2, 2] <= 0.0:
-            return 0.0
-        left = known[:2, :2] - np.outer(known[:2, 2], known[:2, 2]) / known[2, 2]
-        weakest, strongest = np.linalg.eigvalsh(left)
+        weakest, strongest = np.linalg.eigvalsh(match.place_information)
         return float(weakest / strongest) if strongest > 0.0 else 0.0
 
     def _passed(

@@ -104,6 +104,15 @@ class SurfaceMatch:
         return result
 
     @property
+    def place_information(self) -> FloatArray:
+        """(2, 2) of x and y, whatever the heading is; zeros where the scan tells nothing of that."""
+        known = self.information
+        if not known[2, 2] > 0.0:
+            return np.zeros((2, 2))
+        left: FloatArray = known[:2, :2] - np.outer(known[:2, 2], known[:2, 2]) / known[2, 2]
+        return left
+
+    @property
     def least_facing(self) -> float:
         """Share of what the scan tells of its place, along the direction of which it tells least;
         half, where surfaces face every way; none, between two walls that run along."""
@@ -125,10 +134,11 @@ class SurfaceMatch:
         covariance are those of scan and odometry without that direction.
         """
         known = self.gain * self.information
-        turn = known[:2, 2] / max(known[2, 2], 1e-300)
-        _, directions = np.linalg.eigh(known[:2, :2] - np.outer(turn, known[:2, 2]))
+        if not known[2, 2] > 0.0:
+            return self
+        weakest = np.linalg.eigh(self.place_information)[1][:, 0]
         # moved so, and turned with it, the scan fits all but as well
-        open_ = np.array([*directions[:, 0], -turn @ directions[:, 0]])
+        open_ = np.array([*weakest, -known[:2, 2] @ weakest / known[2, 2]])
         seen = known @ open_
         told = float(open_ @ seen)
         if not told > 0.0:

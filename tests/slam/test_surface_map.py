@@ -165,21 +165,6 @@ def test_search_counts_what_each_point_says():
     assert any(pose.is_near(off, 0.2, 0.04) for pose in found)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1.1])
-def test_new_walls_at_the_end_of_what_is_known_draw_no_scan_back(scale):
-    # backwards, they come up beside the robot, where its beams are densest: noise turns the last,
-    # short pieces of the walls known, and points beyond them hold the robot at where those lie
-    walls, front_end = room(-2.0, -1.0, 40.0, 1.0), FrontEnd(SE2.identity())
-    rng, pose, noise = np.random.default_rng(2), SE2(2.0, 0.0, math.pi), np.diag([5e-3, 1e-3, 1e-3])
-    for index in range(120):
-        scan = scan_of(walls, pose, rng, 0.01, range_max_m=4.0)
-        told = SE2(-0.05 * scale, 0.0, 0.0) if index else SE2.identity()
-        front_end.update(Measurement(0.1 * index, told, scan, noise**2))
-        pose = pose @ SE2(-0.05, 0.0, 0.0)
-    # nothing but the wheels tells how far: 0.3 to 1.5 m of the 6 were left
-    assert front_end.T_map_base.x == pytest.approx(-119 * 0.05 * scale, rel=0.02)
-
-
 def test_walls_that_go_on_beyond_what_is_known_tell_next_to_nothing_of_the_way():
     walls, half_circle = room(-9.0, -1.0, 9.0, 1.0), np.radians(np.arange(-90.0, 90.5, 0.5))
     facings, off_m = [], []
