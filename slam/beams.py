@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from slam.arrays import FloatArray, frozen_array
 from slam.kernels.beam_points import are_all_first, directions_into, points_into
 from slam.measurements import LaserScan
-from slam.se2 import SE2
+from slam.se2 import SE2, wrap_angle
 
 _FARTHEST_M = 1e5
 """A range beyond is a driver's way to say something else."""
@@ -98,6 +98,22 @@ class Beams:
     @cached_property
     def _is_of_one_origin(self) -> bool:
         return bool(are_all_first(self.origins_m))
+
+    def from_middle(self) -> tuple[FloatArray, FloatArray]:
+        """(N,) directions [rad], increasing, and ranges (N,) [m] of where the beams end as seen from
+        the middle of their origins; those that hit nothing look where they did, or between these."""
+        if self._is_of_one_origin:
+            return self.angles_rad, self.ranges_m
+        ranges_m, is_hit = self.ranges_m.copy(), self.is_hit
+        ends_m = (self.origins_m - self.middle_m) + ranges_m[:, np.newaxis] * self.directions
+        seen_rad = np.arctan2(ends_m[is_hit, 1], ends_m[is_hit, 0])
+        seen_rad = self.angles_rad[is_hit] + wrap_angle(seen_rad - self.angles_rad[is_hit])
+        ranges_m[is_hit] = np.hypot(*ends_m[is_hit].T)
+        least, most = np.full(len(self), -np.inf), np.full(len(self), np.inf)
+        # close by, what one beam saw may lie beyond what the next one did
+        least[is_hit] = most[is_hit] = np.maximum.accumulate(seen_rad)
+        least, most = np.maximum.accumulate(least), np.minimum.accumulate(most[::-1])[::-1]
+        return np.clip(self.angles_rad, least, most), ranges_m
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:

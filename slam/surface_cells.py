@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
-from slam.beams import Beams
 from slam.kernels.surface_map import SIDES
 from slam.se2 import SE2
 
@@ -38,7 +38,8 @@ class SurfacesConfig:
     office one in 150. A leg that ends at the height of the beams is: two of 360. least_returns:
     counting those that came back from nowhere, which a chair's leg makes one in eight. least_points:
     of a piece's own, or else as a share of the looks that met it: of what is behind an edge light
-    mixed there makes one in a hundred looks. beside_m,
+    mixed there makes one in a hundred looks; of each scan of a keyframe, where there are several.
+    glances: scans between two keyframes of which the points are taken too, at most. beside_m,
     beside_share: by which a beam must end elsewhere, and as a share of its length. coarsest_m: beams
     farther apart than this may pass thin things by. min_sigma_m: least standard deviation across a
     piece. Chosen, all of these, on twenty simulated drives through two rooms and a corridor.
@@ -54,18 +55,29 @@ class SurfacesConfig:
     seen_through: tuple[float, float] = (2.0, 0.01)
     least_returns: float = 0.8
     least_points: tuple[float, float] = (1.5, 0.03)
+    glances: int = 4
     beside_m: float = 0.05
     beside_share: float = 0.02
     coarsest_m: float = 0.05
     min_sigma_m: float = 0.005
 
 
+class Seen(NamedTuple):
+    """A scan's faced points (N, 3), the pose whose frame they are in, and where in it they were seen
+    from, (2,) [m]. scans: of its keyframe, itself among them."""
+
+    T_map_base: SE2
+    faced: FloatArray
+    origin_m: FloatArray
+    scans: int
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceCells:
     """What lies in the cells of a grid, for each of the sides that surfaces face.
 
-    keys: (C,) sorted; at: (C, 3) column, row, side; sums: (C, 7) weight, x, y, xx, xy, yy [m] from
-    the middle of all, and the weights' squares.
+    keys: (C,) sorted; at: (C, 3) column, row, side; sums: (C, 8) weight, x, y, xx, xy, yy [m] from
+    the middle of all, the weights' squares, and what they are for each scan of a keyframe.
     """
 
     keys: IntArray
@@ -74,11 +86,11 @@ class SurfaceCells:
     origin_m: FloatArray
 
     @staticmethod
-    def of(scans: Sequence[tuple[SE2, FloatArray, Beams]], config: SurfacesConfig) -> SurfaceCells:
+    def of(scans: Sequence[Seen], config: SurfacesConfig) -> SurfaceCells:
         """Of the points of scans that face anywhere, scan by scan, each in the two sides nearest to
-        where its surface faces; scans: as `surfaces_of` takes them."""
+        where its surface faces."""
         points = np.concatenate(
-            [np.zeros((0, 4)), *(_weighed(*scan, config) for scan in scans)], dtype=np.float64
+            [np.zeros((0, 5)), *(_weighed(scan, config) for scan in scans)], dtype=np.float64
         )
         origin_m = points[:, :2].mean(axis=0) if len(points) else np.zeros(2)
         low = np.floor(points[:, 2] * (SIDES / (2.0 * np.pi))).astype(np.int64)
@@ -89,12 +101,12 @@ class SurfaceCells:
         keys, first, where = np.unique(_keys(at), return_index=True, return_inverse=True)
         x, y = (points[:, :2] - origin_m).T
         terms = (
-            np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y, points[:, 3]])
+            np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y, points[:, 3:]])
             * points[:, 3:4]
         )
         terms = np.concatenate([terms, terms])
         sums = np.column_stack([np.bincount(where, term, len(keys)) for term in terms.T])
-        columns: FloatArray = np.asarray(sums.reshape(-1, 7), dtype=np.float64)
+        columns: FloatArray = np.asarray(sums.reshape(-1, 8), dtype=np.float64)
         return SurfaceCells(keys, at[first], columns, origin_m)
 
     def _beside(self, steps: IntArray) -> IntArray:
@@ -109,7 +121,7 @@ class SurfaceCells:
         """A piece for each cell that a line through its points, and those around, runs through.
 
         (S, 2, 2) [m], (S,) how rough each is [m], and (S,) how many points lie in the cell itself, all
-        of one weight.
+        of one weight, of each of the scans that a keyframe has there.
         """
         if len(self.keys) == 0:
             return np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0)
@@ -142,7 +154,10 @@ class SurfaceCells:
         middle = np.asarray((self.at[:, :2] + 0.5) * config.cell_m, dtype=np.float64)
         span_m: FloatArray = _ENDS * np.sqrt(np.maximum(wide_m2, 0.0))
         ends, is_cut = _cut(mean, along, middle, config.cell_m, span_m)
-        count = weight**2 / sums[:, 6]
+        scans_each = weight / sums[:, 7]
+        # scans of one keyframe err together: n of them tell as the root of so many. chosen, on ten
+        # drives
+        count = weight**2 / sums[:, 6] / np.sqrt(scans_each)
         prior_m2 = config.prior_points * config.prior_m**2
         variance_m2 = (count * rough_m**2 + prior_m2) / (count + config.prior_points) / count
         is_one = (
@@ -152,7 +167,7 @@ class SurfaceCells:
         )
         is_one &= ~self._is_said_twice(is_one, weight, along, mean)
         sigma_m = np.maximum(rough_m[is_one], config.min_sigma_m)
-        own = self.sums[is_one, 0] ** 2 / self.sums[is_one, 6]
+        own = self.sums[is_one, 0] ** 2 / self.sums[is_one, 6] / scans_each[is_one]
         return ends[is_one] + self.origin_m, sigma_m, own
 
     def _is_said_twice(
@@ -191,9 +206,11 @@ def _cut(
     return ends, is_cut
 
 
-def _weighed(T: SE2, faced: FloatArray, beams: Beams, config: SurfacesConfig) -> FloatArray:
-    """(N, 4) of faced points, those that face nowhere left out: map frame, and the weight."""
-    faced = faced[np.isfinite(faced[:, 2])]
-    off_m2 = np.sum((faced[:, :2] - beams.middle_m) ** 2, axis=1)
+def _weighed(scan: Seen, config: SurfacesConfig) -> FloatArray:
+    """(N, 5) of faced points, those that face nowhere left out: map frame, the weight, and for how
+    much of a keyframe its scan counts."""
+    faced, T = scan.faced[np.isfinite(scan.faced[:, 2])], scan.T_map_base
+    off_m2 = np.sum((faced[:, :2] - scan.origin_m) ** 2, axis=1)
     weights = 1.0 / (1.0 + off_m2 / config.near_m**2)
-    return np.column_stack([T @ faced[:, :2], faced[:, 2] + T.theta, weights])
+    shares = np.full(len(faced), 1.0 / scan.scans)
+    return np.column_stack([T @ faced[:, :2], faced[:, 2] + T.theta, weights, shares])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,7 +14,7 @@ from slam.beams import Beams
 from slam.kernels.visibility import COUNTS, MET, MOST_PASSED, PASSED, SILENT, looks_into
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
-from slam.surface_cells import SurfaceCells, SurfacesConfig
+from slam.surface_cells import Seen, SurfaceCells, SurfacesConfig
 from slam.views import View
 
 _MOST_SILENT = 0.25
@@ -79,15 +80,21 @@ def surfaces_of(
     which they were taken.
 
     What others looked through, people and doors that stood open later, is left out; glances, for
-    each scan those taken between it and the next, are asked for that as well. Somebody who stands
+    each scan those taken between it and the next, are asked for that as well, and some of them for
+    what they saw. Somebody who stands
     while the robot drives by is met by each keyframe that looks there, but the scans between two of
     them saw him come or go.
     """
     config = config or SurfacesConfig()
-    segments, sigma_m, own = SurfaceCells.of(scans, config).pieces(config)
-    views: list[View] = []
-    for index, (T, _, beams) in enumerate(scans):
-        views += [View.of(T, beams), *(glances[index] if index < len(glances) else ())]
+    views, seen = list[View](), list[Seen]()
+    for index, (T, faced, beams) in enumerate(scans):
+        since = glances[index] if index < len(glances) else ()
+        views += [View.of(T, beams), *since]
+        some = since[:: math.ceil(len(since) / config.glances) or 1] if config.glances else ()
+        count = 1 + len(some)
+        seen.append(Seen(T, faced, beams.middle_m, count))
+        seen += [Seen(one.T_map_base, one.faced, one.origin_m, count) for one in some]
+    segments, sigma_m, own = SurfaceCells.of(seen, config).pieces(config)
     counts = _looks(segments, views, config)
     met, passed, silent = counts[:, MET], counts[:, PASSED], counts[:, SILENT]
     surfaces = Surfaces(segments, sigma_m, met, passed)

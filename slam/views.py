@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.se2 import SE2
+from slam.surface_map import faced
 
 _MOST = 16
 """Chosen: scans kept for each keyframe, so that memory grows with the map and not with the time."""
@@ -26,8 +27,19 @@ class View(NamedTuple):
 
     @staticmethod
     def of(T_map_base: SE2, beams: Beams) -> View:
-        """That of beams, all taken to start in their middle."""
-        return View(T_map_base, beams.middle_m, beams.angles_rad, beams.ranges_m)
+        """That of beams, where they end as seen from the middle of where they start."""
+        return View(T_map_base, beams.middle_m, *beams.from_middle())
+
+    @property
+    def faced(self) -> FloatArray:
+        """(N, 3) where its beams ended, in its frame, and where the surfaces face: see
+        `slam.surface_map`."""
+        beams = Beams(
+            np.broadcast_to(self.origin_m, (len(self.angles_rad), 2)),
+            self.angles_rad,
+            self.ranges_m,
+        )
+        return faced(beams.points, self.origin_m)
 
 
 class Glance(NamedTuple):
@@ -60,10 +72,10 @@ class Glances:
             self._kept = self._kept[::2]
             self._every *= 2
         if self._count % self._every == 0:
-            angles_rad = beams.angles_rad.astype(np.float32)
+            angles_rad, ranges_m = beams.from_middle()
             with np.errstate(invalid="ignore"):  # of the kind of nan that raises
-                ranges_m = beams.ranges_m.astype(np.float32)
-            self._kept.append(Glance(T_keyframe_base, beams.middle_m, angles_rad, ranges_m))
+                small = angles_rad.astype(np.float32), ranges_m.astype(np.float32)
+            self._kept.append(Glance(T_keyframe_base, beams.middle_m, *small))
         self._count += 1
 
     @property
