@@ -2,6 +2,7 @@
 
 import os
 import sys
+from typing import Annotated
 
 import typer
 
@@ -31,11 +32,30 @@ _INTERRUPTED = 130
 
 app = typer.Typer(
     name="kitasap",
-    help="Kitasap2 drives, is lifted, and finds itself: the testbed and its experiments.",
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _print_version(is_asked: bool) -> None:
+    if is_asked:
+        from experiments.provenance import commit, versions
+
+        at = commit()
+        print(versions().get("kitasap", "not installed"), *([f"commit {at}"] if at else []))
+        raise typer.Exit()
+
+
+@app.callback()
+def _of_all_commands(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print it.")
+    ] = False,
+) -> None:
+    """Kitasap2 drives, is lifted, and finds itself: the testbed and its experiments."""
+
+
 app.command()(simulated.run)
 app.command()(shards.merge)
 app.command()(sweep.sweep)
@@ -72,7 +92,9 @@ def main(arguments: list[str] | None = None) -> int:
         status = app(typed, prog_name="kitasap", standalone_mode=False)
     except _WrongUsage as error:
         # looked up by name above, so the type checker cannot know the method
-        return _refused(error.format_message())  # type: ignore[attr-defined]
+        said = error.format_message()  # type: ignore[attr-defined]
+        is_unknown = not typed or said.startswith("No such command")
+        return _refused(said + (" See kitasap --help." if is_unknown else ""))
     except (ValueError, OSError, RuntimeError, ImportError) as error:
         if os.environ.get("KITASAP_TRACEBACK"):
             raise

@@ -1,5 +1,6 @@
 """The command: whatever is wrong, one line says so and the status is 2."""
 
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -67,8 +68,13 @@ def test_every_experiment_is_checked_before_the_first_one_runs(capsys, tmp_path)
 
 
 def test_unknown_command_is_refused(capsys):
-    assert refusal(capsys, "fly") == "No such command 'fly'."
-    assert refusal(capsys) == "Missing command."
+    assert refusal(capsys, "fly") == "No such command 'fly'. See kitasap --help."
+    assert refusal(capsys) == "Missing command. See kitasap --help."
+
+
+def test_version_is_that_of_the_package(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith(version("kitasap"))
 
 
 @pytest.mark.parametrize(
