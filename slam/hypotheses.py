@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.relocalization import Hypothesis, Relocalizer
+from slam.in_steps import Steps, all_at_once
+from slam.relocalization import REFINED, Hypothesis, Relocalizer
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 from slam.verdict_limits import VerdictLimits
@@ -135,16 +136,37 @@ class Hypotheses:
         though the search, which returns a few, may not have it among them. is_motion_known: False:
         the robot moved as the best place did, since no wheels tell.
         """
+        return all_at_once(
+            self.look_in_steps(beams, suggested, T_believed, is_motion_known=is_motion_known)
+        )
+
+    def look_in_steps(
+        self,
+        beams: Beams,
+        suggested: tuple[Hypothesis, ...] | None = None,
+        T_believed: SE2 | None = None,
+        *,
+        is_motion_known: bool = True,
+    ) -> Steps[tuple[Hypothesis, ...]]:
+        """The same, a piece at a time; the places are not to be asked for in between."""
         is_new_view = self._see(beams)
         before = self.places[:1]
         relocalizer = self._relocalizer
-        starts = [relocalizer.refined(beams, place.T_map_base) for place in self.places]
-        self.suggested = tuple(relocalizer(beams)) if suggested is None else suggested
-        starts += self.suggested
-        if T_believed is not None:
-            starts.append(relocalizer.refined(beams, T_believed))
+        carried = [place.T_map_base for place in self.places]
+        carried += [] if T_believed is None else [T_believed]
+        starts = []
+        for T_map_base in carried:
+            yield REFINED
+            starts.append(relocalizer.refined(beams, T_map_base))
+        if suggested is None:
+            suggested = tuple((yield from relocalizer.in_steps(beams)))
+        self.suggested = suggested
+        starts += suggested
+        joined = []
         # however bad a place is by this scan alone, the other views may speak for it
-        joined = [self._joined(start, beams) for start in relocalizer.distinct(starts, math.inf)]
+        for start in relocalizer.distinct(starts, math.inf):
+            yield REFINED * len(self._witnesses)
+            joined.append(self._joined(start, beams))
         most = max((one.log_likelihood for one in joined), default=0.0)
         behind = max(relocalizer.config.max_behind, 2.0 * self._margin_needed(most, self.views))
         self.places = self._ranked(relocalizer.distinct(joined, behind)[: self.config.max_places])

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.hypotheses import Hypotheses, HypothesesConfig
+from slam.in_steps import Steps, all_at_once
 from slam.laser_faults import CompanionMonitor, LaserFaultConfig, blocked, is_covered, says_nothing
 from slam.last_views import LastViews
 from slam.look import Fit, Look, Step
@@ -96,13 +97,17 @@ class Guard:
 
     def search(self, look: Look, moved: SE2, noise: FloatArray) -> Judgement:
         """While lost: the places once more, by this scan too; tracking as soon as one is sure."""
+        return all_at_once(self.search_in_steps(look, moved, noise))
+
+    def search_in_steps(self, look: Look, moved: SE2, noise: FloatArray) -> Steps[Judgement]:
+        """The same, a piece at a time; nothing else is to be asked in between."""
         self._search.hypotheses.move(moved)
         self._search.begin(look.time_s)
         nothing = self._says_nothing(look.beams)
         if nothing:
             return Judgement(Verdict(Status.UNSURE, (nothing,), self.hypotheses), None)
         is_told = self._search.hypotheses.are_told(noise)
-        judged = self._search.look(look, is_motion_known=is_told)
+        judged = yield from self._search.look_in_steps(look, is_motion_known=is_told)
         if judged.verdict.status is Status.TRACKING:
             assert judged.match is not None
             # what told this place from the others goes on telling

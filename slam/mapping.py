@@ -98,6 +98,7 @@ class Mapper:
         self._steps.append(replace(step, session=self._session))
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
+        self._look_for_join()
         self.T_map_base = self._start @ step.T_map_base
         if step.keyframe >= 0:
             self.T_map_base = self._graph.pose(step.keyframe) @ step.T_keyframe_base
@@ -118,6 +119,7 @@ class Mapper:
         asked, and less complete matches will do. What comes of it is kept if the map holds together
         better; a map that had failed is not acquitted by such loops alone.
         """
+        self._look_for_join(is_end=True)
         self._rescale()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps)
@@ -239,8 +241,6 @@ class Mapper:
             self._since_loop_m += _TORN_M
         if index == self._first:
             self._since_loop_m = 0.0
-        if not (is_joined := self._is_joined):
-            self._look_for_join()
         every = config.loops.every
         if index % every == 0 and (
             index % (every * config.crowd_every) == 0 or not self._is_crowded(index)
@@ -248,9 +248,6 @@ class Mapper:
             found = self._closer.found(
                 self._graph.keyframes, self._graph.poses, [index], self._drift(), self._comparable
             )
-            if not is_joined:  # what joined the sessions may be among them
-                known = {loop.earlier for loop in self._graph.loops if loop.later == index}
-                found = [loop for loop in found if loop.earlier not in known]
             if found:
                 self._graph.take(found)
                 self._since_loop_m, self._has_new = 0.0, True
@@ -298,11 +295,12 @@ class Mapper:
         """The keyframes of which it is known where they lie as seen from the last one; None: all."""
         return None if self._is_joined else range(self._first, len(self._graph.keyframes))
 
-    def _look_for_join(self) -> None:
-        """Joins the session with the map, if the last keyframe shows where it lies."""
-        assert self._joiner is not None
+    def _look_for_join(self, is_end: bool = False) -> None:
+        """Joins the session with the map, if its keyframes show where it lies; is_end: no scan waits."""
+        if self._joiner is None or self._is_joined:
+            return
         poses = self._graph.poses
-        join = self._joiner.look(self._graph.keyframes, poses)
+        join = self._joiner.look(self._graph.keyframes, poses, math.inf if is_end else None)
         if join is None:
             return
         self._graph.set_poses(join.moved(poses, self._first))

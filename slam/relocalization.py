@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.evidence import Evidence, EvidenceConfig, evidence_of
+from slam.in_steps import Steps, all_at_once
 from slam.kernels.normal_equations import inverted, widest
 from slam.laser_model import LaserModel
 from slam.likelihood_grid import LikelihoodGrid, SearchConfig, layout, spread
@@ -24,6 +25,9 @@ _SQUARE_M = 1.6
 """Chosen: 256 positions; a quarter or four times as many take as long."""
 _HALF_SQUARE_M = 1.0001 * math.sqrt(0.5) * _SQUARE_M
 """From its middle to a corner, and above rounding."""
+
+_SEARCH, REFINED = 50, 3
+"""What the search of the grid costs, on the Intel log, and `Relocalizer.refined`: see `Steps`."""
 
 FreeSpace = Callable[[FloatArray], BoolArray]
 """Says of positions (N, 2) [m], map frame, whether the robot may be there."""
@@ -118,27 +122,36 @@ class Relocalizer:
 
     def __call__(self, beams: Beams) -> list[Hypothesis]:
         """The places where the scan may have been taken, the most likely first; none for no hits."""
+        return all_at_once(self.in_steps(beams))
+
+    def in_steps(self, beams: Beams) -> Steps[list[Hypothesis]]:
+        """The same, a piece at a time."""
         points = beams.points
         search = self.config.search
         few = spread(points, search.cell_m, search.max_points, np.inf)
+        yield _SEARCH
         candidates = self.grid.search(points)
         starts = [candidate.T_map_base for candidate in candidates]
-        found = [self._refined(beams, few, start, self.config.first) for start in starts]
+        found = []
+        for start in starts:
+            yield 1
+            found.append(self._refined(beams, few, start, self.config.first))
         # legs near by may lead astray those few points
         first = candidates[: self.config.max_refined]
         least = self.config.sure_score * max((one.score for one in first), default=0.0)
-        found += [self.refined(beams, one.T_map_base) for one in first if one.score >= least]
+        for one in first:
+            if one.score >= least:
+                yield REFINED
+                found.append(self.refined(beams, one.T_map_base))
         if not self.segment_map.is_exact:
             # where the map is poor, refining may lead away from a pose that was right
-            found += [self.at(beams, start) for start in starts]
-        return self.distinct(
-            hypothesis
-            for start in self.distinct(found)[: self.config.max_refined]
-            for hypothesis in (
-                start,
-                self._refined(beams, points, start.T_map_base, self.config.last),
-            )
-        )
+            for start in starts:
+                yield 1
+                found.append(self.at(beams, start))
+        again = self.distinct(found)[: self.config.max_refined]
+        yield len(again)
+        last = [self._refined(beams, points, one.T_map_base, self.config.last) for one in again]
+        return self.distinct(one for pair in zip(again, last, strict=True) for one in pair)
 
     def refined(self, beams: Beams, T_map_base: SE2) -> Hypothesis:
         """The hypothesis near a pose, on all points; the pose itself where that is more likely."""

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.in_steps import Steps
 from slam.keyframes import Keyframe
 from slam.known_map import KnownMap, laser_seen
 from slam.look import Look
@@ -21,6 +22,9 @@ from slam.slam_map import surfaces_seen
 from slam.verdict import Status
 from slam.verdict_limits import VerdictLimits
 
+_USUAL_BEAMS = 180
+_LOOPS = 5
+"""What it costs to ask a keyframe for the loops that it closes: see `Steps`."""
 _ASIDE_M = 10.0
 """Between the map and a session that was never joined with it; chosen: to be seen as such."""
 
@@ -34,7 +38,8 @@ class JoiningConfig:
     was found that are asked as well, at_a_time of them with each keyframe. patience: keyframes after which a place that did not hold is
     given up. sigma: (m, rad) of a place that was found, start_sigma: of a start that was given.
     eager: keyframes looked for one by one, and burst: of as many later ones, where searching would
-    cost too much. against: the session's scans against those before; what it lets pass is twice what
+    cost too much. work: until the next scan, in looks at what one scan of 180 beams says for one pose, of which a
+    search takes 100 to 500: some 60 ms. against: the session's scans against those before; what it lets pass is twice what
     a map may have, since things move between sessions; first_check: keyframes after which they are
     set against each other first, and most_checked pairs. Chosen, all of these.
     """
@@ -49,6 +54,7 @@ class JoiningConfig:
     start_sigma: tuple[float, float] = (0.5, 0.2)
     eager: int = 60
     burst: int = 15
+    work: float = 100.0
     first_check: int = 25
     most_checked: int = 300
     against: ConsistencyConfig = field(
@@ -96,42 +102,71 @@ class SessionJoiner:
             # now rather than within the first update: what is usual for the laser of the map
             widest = max((keyframe.beams for keyframe in keyframes), key=len)
             VerdictLimits.usual_for(self._known.relocalizer, widest.cut(laser.range_max_m))
+        self._task: Steps[Join | None] | None = None
+        self._announced, self._next = 0.0, len(keyframes)
+        self._keyframes, self._poses = keyframes, poses
         self._backlog: list[int] = []
         self._looks = self._tries = 0
         self._T_last: SE2 | None = None
         self._loops: list[Loop] = []
+        self._beam_count = _USUAL_BEAMS
 
-    def look(self, keyframes: Sequence[Keyframe], poses: FloatArray) -> Join | None:
-        """What the last keyframe adds; the join as soon as it is sure.
+    def look(
+        self, keyframes: Sequence[Keyframe], poses: FloatArray, most: float | None = None
+    ) -> Join | None:
+        """What the keyframes add that were not looked at yet, one by one, by so much work as there is
+        time for until the next scan; the join as soon as it is sure.
 
-        poses: (K, 3) of all keyframes, those of the session in its own frame.
+        poses: (K, 3) of all keyframes, those of the session in its own frame. most: as much work as
+        that, None: as configured.
         """
-        last, config = len(keyframes) - 1, self.config
-        if self._place is None:
-            self._place = self._searched(keyframes[last], SE2.from_array(poses[last]))
-            if self._place is None:
-                return None
-            self._backlog = list(range(max(self._first, last - config.back), last))
-            asked = [last]
-        else:  # a few at a time, the newest first: the next scan does not wait
-            asked = [*self._backlog[-config.at_a_time :], last]
-            del self._backlog[-config.at_a_time :]
-        moved = _moved(poses, self._first, self._place)
-        sigma = config.start_sigma if self._is_start_known else config.sigma
-        self._loops += self._closer.found(keyframes, moved, asked, sigma, range(self._first))
-        join = self._agreed(poses)
-        self._tries += 1
-        if join is None and not self._is_start_known and self._tries >= config.patience:
-            self._give_up()
-        return join
+        self._keyframes, self._poses = keyframes, poses
+        left = (self.config.work if most is None else most) - self._announced
+        while self._task is not None or self._next < len(keyframes):
+            if self._task is None:
+                self._task, self._next = self._looked_at(self._next), self._next + 1
+            try:
+                self._announced = next(self._task) * self._beam_count / _USUAL_BEAMS
+            except StopIteration as end:
+                self._task, self._announced = None, 0.0
+                join: Join | None = end.value
+                if join is not None:
+                    return join
+                continue
+            left -= self._announced
+            if left < 0.0:
+                break
+        return None
 
     def reject(self) -> None:
         """Takes back the last join, which turned out wrong."""
         if not self._is_start_known:
             self._give_up()
-        self._loops = []
+        self._loops, self._next = [], len(self._keyframes)
 
-    def _searched(self, keyframe: Keyframe, pose: SE2) -> SE2 | None:
+    def _looked_at(self, index: int) -> Steps[Join | None]:
+        """What one keyframe adds, a piece at a time."""
+        config = self.config
+        if self._place is None:
+            self._place = yield from self._searched(index)
+            if self._place is None:
+                return None
+            self._backlog = list(range(max(self._first, index - config.back), index))
+            asked = [index]
+        else:  # a few at a time, the newest first: the next scan does not wait
+            asked = [*self._backlog[-config.at_a_time :], index]
+            del self._backlog[-config.at_a_time :]
+        yield _LOOPS * len(asked)
+        moved = _moved(self._poses, self._first, self._place)
+        sigma = config.start_sigma if self._is_start_known else config.sigma
+        self._loops += self._closer.found(self._keyframes, moved, asked, sigma, range(self._first))
+        join = self._agreed(self._poses)
+        self._tries += 1
+        if join is None and not self._is_start_known and self._tries >= config.patience:
+            self._give_up()
+        return join
+
+    def _searched(self, index: int) -> Steps[SE2 | None]:
         """Where the session seems to lie by a search of the whole map; None while it is unsure."""
         config, count = self.config, self._looks
         self._looks += 1
@@ -140,15 +175,17 @@ class SessionJoiner:
             return None
         if count >= config.eager and count % config.eager == 0:
             self._give_up()
+        keyframe = self._keyframes[index]
         T_now = keyframe.T_map_base
         moved = SE2.identity() if self._T_last is None else self._T_last.inverse() @ T_now
         self._T_last = T_now
         beams = keyframe.beams.cut(self._known.laser.range_max_m)
+        self._beam_count = len(beams)
         look = Look(keyframe.time_s, beams, self._known.matcher("fast"))
-        judged = self._guard.search(look, moved, np.zeros((3, 3)))
+        judged = yield from self._guard.search_in_steps(look, moved, np.zeros((3, 3)))
         if judged.verdict.status is not Status.TRACKING or judged.match is None:
             return None
-        return judged.match.T_map_base @ pose.inverse()
+        return judged.match.T_map_base @ SE2.from_array(self._poses[index]).inverse()
 
     def _agreed(self, poses: FloatArray) -> Join | None:
         """The place that enough loops agree on, if there is one."""

@@ -66,7 +66,7 @@ ONLY_IN = {
 
 RANKS = (
     {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files"}
-    | {"yaml_files", "near_cells"},
+    | {"yaml_files", "near_cells", "in_steps"},
     {
         "measurements",
         "odometry",

@@ -1,17 +1,22 @@
 """Maps continued in a second session: joined where its scans show where it is, or said to be not."""
 
 import io
+import math
 import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from slam import relocalization
+from slam.evidence import evidence_of
 from slam.loop_closing import LoopCloser
+from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.measurements import Measurement
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
+from slam.session_joining import JoiningConfig
 from slam.slam_map import SlamMap
 from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.verdict_limits import VerdictLimits
@@ -73,7 +78,7 @@ def test_pose_is_told_on_the_map_from_the_join_on(both):
     _, steps = both
     is_joined = [step.is_joined for step in steps]
     at = is_joined.index(True)
-    assert 0 < at < 40
+    assert 0 < at < 60  # a search takes several scans
     assert all(is_joined[at:])
     true = FIRST[0].inverse() @ SECOND[-1]
     assert steps[-1].T_map_base.is_near(true, 0.15, 0.05)
@@ -175,6 +180,42 @@ def test_map_of_the_first_version_is_read_as_one_session(first, tmp_path):
     again = read_slam_map(path)
     assert again.session_count == 1
     assert {keyframe.session for keyframe in again.keyframes} == {0}
+
+
+def test_search_of_a_whole_map_is_spread_over_the_scans(first, monkeypatch):
+    # on the Intel map one search takes 0.2 s, and a scan must not wait for it
+    counts = [0]
+
+    def counted(*told):
+        counts[-1] += 1
+        return evidence_of(*told)
+
+    monkeypatch.setattr(relocalization, "evidence_of", counted)
+    second = ring.drive(SECOND, np.random.default_rng(1))
+    joined_at, looks = [], []
+    for work in (math.inf, 60.0):
+        config = MapperConfig(joining=JoiningConfig(work=work))
+        mapper = Mapper.continued(first, ring.T_BASE_LASER, config=config)
+        del counts[:]
+        steps = []
+        for one in second:
+            counts.append(0)
+            steps.append(mapper.update(one))
+        joined_at.append([step.is_joined for step in steps].index(True))
+        looks.append(max(counts))
+    assert joined_at[1] > joined_at[0]
+    assert looks[0] > 100
+    assert looks[1] <= 60
+    # a log that ends before all is looked at
+    short = second[: joined_at[1] - 1]
+    slam_map, steps = mapped(
+        short,
+        Mapper.continued(
+            first, ring.T_BASE_LASER, config=MapperConfig(joining=JoiningConfig(work=60.0))
+        ),
+    )
+    assert not steps[-1].is_joined
+    assert slam_map.unjoined == ()
 
 
 def test_no_scan_of_a_session_waits_for_what_is_usual_on_the_map_or_for_all_loops_at_once(
