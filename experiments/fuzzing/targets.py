@@ -47,6 +47,7 @@ _ESTIMATORS = tuple(
         *("relocalization", "laser_faults", "slip", "usual_fit", "verdict_limits", "evidence"),
         *("matchers", "measurements", "mapping", "front_end", "drive_monitor", "loop_closing"),
         *("keyframe_graph", "map_consistency", "rescaling", "joint_adjustment", "wheel_scale"),
+        *("session_joining", "surfaces", "surface_cells", "views", "beams"),
         *("heavy_tails", "consistency", "innovation_scales", "observability", "beam_likelihood"),
     )
 )
@@ -84,6 +85,7 @@ TARGETS: dict[str, Target] = {
         for name in ("limit", "fast", "open3d", "line", "paper")
     },
     "mapper": Target(_of(_UPDATES, "mapper"), _ESTIMATORS, None),
+    "mapper-continued": Target(_of(_UPDATES, "mapper_continued"), _ESTIMATORS, None),
 }
 """By name. Files of points are written here, and not read."""
 

@@ -15,18 +15,20 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.fuzzing.room import SCAN_S, START, STEP, T_BASE_LASER, WALLS, angles, scan
+from experiments.fuzzing.room import SCAN_S, START, STEP, T_BASE_LASER, WALLS, angles, drive, scan
 from experiments.fuzzing.targets import Reading
 from slam.arrays import FloatArray
 from slam.icp import IcpConfig, StopRule
 from slam.known_map import KnownMap
 from slam.lines import LineMap
 from slam.localization import Localizer, LocalizerConfig
+from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.matchers import LineMatcher, Matcher, PaperMatcher
 from slam.measurements import LaserScan, Measurement
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
+from slam.session_joining import JoiningConfig
 
 _BEAMS = 121
 _HEAD = struct.Struct("<4e2B")
@@ -70,9 +72,22 @@ def localizer_paper(_: Path) -> tuple[list[bytes], Reading]:
 
 def mapper(_: Path) -> tuple[list[bytes], Reading]:
     """The mapper, with the map that it makes in the end."""
+    return _seeds(), _mapping(lambda: Mapper(T_BASE_LASER))
 
+
+def mapper_continued(_: Path) -> tuple[list[bytes], Reading]:
+    """The mapper that looks for its place on a map, in pieces so small that all scans see some."""
+    known = Mapper(T_BASE_LASER)
+    for _true_pose, measurement in drive(40, _BEAMS):
+        known.update(measurement)
+    slam_map = known.finish()
+    config = MapperConfig(joining=JoiningConfig(work=20.0))
+    return _seeds(), _mapping(lambda: Mapper.continued(slam_map, T_BASE_LASER, config=config))
+
+
+def _mapping(begun: Callable[[], Mapper]) -> Reading:
     def made() -> tuple[_Update, Callable[[], None]]:
-        one = Mapper(T_BASE_LASER)
+        one = begun()
 
         def update(measurement: Measurement) -> tuple[FloatArray, None]:
             step = one.update(measurement)
@@ -86,7 +101,7 @@ def mapper(_: Path) -> tuple[list[bytes], Reading]:
 
         return update, finish
 
-    return _seeds(), _taking(made)
+    return _taking(made)
 
 
 @cache
