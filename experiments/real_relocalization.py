@@ -23,7 +23,7 @@ from experiments.outputs import remove_leftovers
 from experiments.protocols import PROTOCOLS, REAL_LOG_FILES
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
-from slam.hypotheses import HypothesesConfig
+from slam.hypotheses_config import HypothesesConfig
 from slam.known_map import KnownMap
 from slam.localization import Estimate, Localizer
 from slam.lost import GuardConfig

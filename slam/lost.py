@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses, HypothesesConfig
+from slam.hypotheses import Hypotheses
+from slam.hypotheses_config import HypothesesConfig
 from slam.in_steps import Steps, all_at_once
 from slam.laser_faults import CompanionMonitor, LaserFaultConfig, blocked, is_covered, says_nothing
 from slam.last_views import LastViews

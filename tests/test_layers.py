@@ -86,6 +86,7 @@ RANKS = (
     {
         "relocalization",
         "hypotheses",
+        "hypotheses_config",
         "telling_turn",
         "verdict_limits",
         "verdict",

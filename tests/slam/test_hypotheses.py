@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses, HypothesesConfig
+from slam.hypotheses import Hypotheses
+from slam.hypotheses_config import HypothesesConfig
 from slam.last_views import LastViews
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
