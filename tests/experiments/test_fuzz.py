@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from experiments.bench import fuzz
 from experiments.bench.fuzz import fuzzed
@@ -140,3 +141,9 @@ def test_unguided_process_mutates_on_its_own(tmp_path, monkeypatch):
     board = Board(tmp_path / "board", is_new=True)
     child.main(child.Task("relations", 5.0, 0, str(tmp_path), 25))
     assert (board.read().inputs, board.read().is_guided) == (25, 0)
+
+
+def test_each_night_all_targets_are_fuzzed():
+    workflow = Path(__file__).parents[2] / ".github/workflows/nightly.yml"
+    jobs = yaml.safe_load(workflow.read_text(encoding="utf-8"))["jobs"]
+    assert jobs["fuzz"]["strategy"]["matrix"]["target"] == list(TARGETS)
