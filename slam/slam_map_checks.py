@@ -8,6 +8,8 @@ _Arrays = dict[str, np.ndarray]
 
 _FARTHEST_M = 1e8
 """Beyond any place on the ground."""
+_MOST_RAD = 1e3
+"""Beyond what any laser turns in a scan, and where a float32 still tells beams apart."""
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     **dict.fromkeys(("poses", "keyframe_poses", "keyframe_ways"), ("keyframes", 3)),
     "keyframe_covariances": ("keyframes", 3, 3),
@@ -67,6 +69,10 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
     is_place = name.endswith(("poses", "ways", "origins_m")) or name == "points"
     if is_place and np.abs(array).max(initial=0.0) > _FARTHEST_M:
         raise ValueError(f"{name} reach beyond {_FARTHEST_M:g} m")
+    if name.endswith("angles_rad") and np.abs(array).max(initial=0.0) > _MOST_RAD:
+        raise ValueError(f"{name} reach beyond {_MOST_RAD:g} rad")
+    if name.endswith("ranges_m") and (array < 0.0).any():
+        raise ValueError(f"{name} are below 0")
     is_squared = name in ("keyframe_covariances", "loop_information")
     if is_squared and (np.diagonal(array, axis1=1, axis2=2) < 0.0).any():
         raise ValueError(f"{name} are below 0")

@@ -39,7 +39,8 @@ class SurfacesConfig:
     counting those that came back from nowhere, which a chair's leg makes one in eight. least_points:
     of a piece's own, or else as a share of the looks that met it: of what is behind an edge light
     mixed there makes one in a hundred looks; of each scan of a keyframe, where there are several.
-    glances: scans between two keyframes of which the points are taken too, at most. beside_m,
+    glances: scans between two keyframes of which the points are taken too, at most; range_max_m: so
+    near, as those of keyframes are. beside_m,
     beside_share: by which a beam must end elsewhere, and as a share of its length. coarsest_m: beams
     farther apart than this may pass thin things by. min_sigma_m: least standard deviation across a
     piece. Chosen, all of these, on twenty simulated drives through two rooms and a corridor.
@@ -56,6 +57,7 @@ class SurfacesConfig:
     least_returns: float = 0.8
     least_points: tuple[float, float] = (1.5, 0.03)
     glances: int = 4
+    range_max_m: float = 40.0
     beside_m: float = 0.05
     beside_share: float = 0.02
     coarsest_m: float = 0.05

@@ -93,7 +93,9 @@ def surfaces_of(
         some = since[:: math.ceil(len(since) / config.glances) or 1] if config.glances else ()
         count = 1 + len(some)
         seen.append(Seen(T, faced, beams.middle_m, count))
-        seen += [Seen(one.T_map_base, one.faced, one.origin_m, count) for one in some]
+        for one in some:
+            faced = one.faced(config.range_max_m)
+            seen.append(Seen(one.T_map_base, faced, one.origin_m, count))
     segments, sigma_m, own = SurfaceCells.of(seen, config).pieces(config)
     counts = _looks(segments, views, config)
     met, passed, silent = counts[:, MET], counts[:, PASSED], counts[:, SILENT]

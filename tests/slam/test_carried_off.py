@@ -82,7 +82,7 @@ def calls_of(method, patch):
 def test_one_scan_is_searched_for_once(room, monkeypatch):
     robot = Robot(room, START)
     robot.look()
-    searches = calls_of("__call__", monkeypatch)
+    searches = calls_of("in_steps", monkeypatch)
     robot.at = robot.at @ SE2(0.4, 0.0, math.radians(20.0))
     robot.look(told=STILL)
     assert len(searches) == 1

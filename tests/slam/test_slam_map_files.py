@@ -9,6 +9,7 @@ import pytest
 
 from slam.mapping import Mapper
 from slam.slam_map import SlamMap
+from slam.slam_map_checks import _check_numbers
 from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.verdict import Status
 from tests.slam import ring
@@ -192,3 +193,18 @@ def test_robot_finds_itself_on_a_map_that_was_read(slam_map, tmp_path):
     # the map's frame is that of the first pose it was made from
     true = ring.way(1.2, 0.3)[0].inverse() @ poses[-1]
     assert estimates[-1].T_map_base.is_near(true, 0.1, 0.03)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("glance_ranges_m", -1e38, "glance_ranges_m are below 0"),
+        ("beam_ranges_m", -1.0, "beam_ranges_m are below 0"),
+        ("glance_angles_rad", 1e30, "glance_angles_rad reach beyond 1000 rad"),
+    ],
+)
+def test_beams_that_no_laser_has_make_no_map(name, value, said):
+    beams = np.array([value, 1.0])
+    with pytest.raises(ValueError, match=said):
+        _check_numbers(name, beams)
+    _check_numbers(name, np.array([0.5, 1.0]))
