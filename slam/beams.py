@@ -105,10 +105,11 @@ class Beams:
         if self._is_of_one_origin:
             return self.angles_rad, self.ranges_m
         ranges_m, is_hit = self.ranges_m.copy(), self.is_hit
-        ends_m = (self.origins_m - self.middle_m) + ranges_m[:, np.newaxis] * self.directions
-        seen_rad = np.arctan2(ends_m[is_hit, 1], ends_m[is_hit, 0])
+        ends_m = self.origins_m[is_hit] - self.middle_m
+        ends_m += ranges_m[is_hit, np.newaxis] * self.directions[is_hit]
+        seen_rad = np.arctan2(ends_m[:, 1], ends_m[:, 0])
         seen_rad = self.angles_rad[is_hit] + wrap_angle(seen_rad - self.angles_rad[is_hit])
-        ranges_m[is_hit] = np.hypot(*ends_m[is_hit].T)
+        ranges_m[is_hit] = np.hypot(*ends_m.T)
         least, most = np.full(len(self), -np.inf), np.full(len(self), np.inf)
         # close by, what one beam saw may lie beyond what the next one did
         least[is_hit] = most[is_hit] = np.maximum.accumulate(seen_rad)

@@ -137,7 +137,7 @@ def test_what_keyframes_hardly_saw_is_told_by_the_scans_between_them():
 
 def test_beams_fired_on_the_way_are_seen_from_their_middle():
     angles, ranges = np.radians(np.linspace(-90.0, 90.0, 181)), np.full(181, 2.0)
-    ranges[[20, 90]] = np.inf, np.nan
+    ranges[[20, 90]] = np.nan, np.inf  # at 90 straight ahead: inf times 0
     origins = np.column_stack([np.linspace(-0.1, 0.1, 181), np.zeros(181)])
     beams = Beams(origins, angles, ranges)
     view = View.of(SE2.identity(), beams)
