@@ -239,8 +239,8 @@ def loaded_after(code: str, *modules: str) -> list[str]:
     [
         "slam.kernels.facings",
         "kitasap_sim.env.kernels",
-        "kitasap_sim.range_errors",
-        "slam.kernels.normal_equations",
+        pytest.param("kitasap_sim.range_errors", marks=pytest.mark.slow),
+        pytest.param("slam.kernels.normal_equations", marks=pytest.mark.slow),
     ],
 )
 def test_kernels_are_compiled_though_no_disk_may_be_written(module):

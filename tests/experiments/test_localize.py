@@ -111,7 +111,9 @@ def test_files_agree_with_each_other(run_of, request):
     assert (folder / "localized.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize("run_of", ["unknown_start", "known_start"])
+@pytest.mark.parametrize(
+    "run_of", ["unknown_start", pytest.param("known_start", marks=pytest.mark.slow)]
+)
 def test_what_is_believed_is_near_the_reference(run_of, request):
     rows = verdicts(request.getfixturevalue(run_of))
     # the reference is good to 3 cm, the map's cells are 5 cm

@@ -8,6 +8,7 @@ import pytest
 from kitasap_sim import KITASAP2, Place
 from kitasap_sim.drive import Pilot
 from kitasap_sim.place_files import place_names
+from tests.kitasap_sim.all_places import PLACES
 
 FLOOR_AND_WALLS = """
 <mujoco>
@@ -43,7 +44,7 @@ def distance_to_map(points, place_map):
     return np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
 
 
-@pytest.mark.parametrize("name", place_names())
+@pytest.mark.parametrize("name", PLACES)
 def test_every_beam_ends_on_the_true_map(name, make):
     place = Place(name)
     simulation = make(place)

@@ -106,8 +106,13 @@ with shown(simulation, in_browser=True, port=free_port()) as view:
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
     ("code", "said"),
-    [(SERVES, "done"), (STOPPED, "to the whole network: it was stopped"), (CLOSED, "done")],
-    ids=["serves this machine alone", "stops when it would serve all", "ends when closed"],
+    [
+        pytest.param(SERVES, "done", id="serves this machine alone"),
+        pytest.param(
+            STOPPED, "to the whole network: it was stopped", id="stops when it would serve all"
+        ),
+        pytest.param(CLOSED, "done", id="ends when closed", marks=pytest.mark.slow),
+    ],
 )
 def test_the_page_is_served_on_the_loopback_interface_alone(code, said, box_room):
     done = subprocess.run(

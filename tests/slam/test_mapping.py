@@ -156,7 +156,9 @@ def test_way_without_any_scan_is_by_the_wheels_alone_too(poses):
     assert jumped.steps[160].status is not StepStatus.BROKEN
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, 60), (340, 1000)])
+@pytest.mark.parametrize(
+    ("first", "last"), [pytest.param(0, 60, marks=pytest.mark.slow), (340, 1000)]
+)
 def test_map_of_a_drive_that_began_or_ended_blind_is_called_failed(poses, first, last):
     found = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), first, last))
     assert not found.verdict.is_good
