@@ -47,7 +47,8 @@ class SlamLog:
     warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which memory had grown
     with the last scan, None where the system does not tell.
     evaluation: against a reference, where there is one. continued: name of the map that the log's
-    session continued, None: of none; joined_at: the scan with which it was joined, None: with none.
+    session continued, None: of none; joined_at: the scan with which it was joined, None: with none,
+    but at the end, if at all.
     wheels: what calibrating them from the drive gave, where the log tells their ticks. notes: what of
     the log was taken, in words.
     """
@@ -337,7 +338,12 @@ def table(summary: dict[str, Any]) -> str:
     ]
     if summary["continued"] is not None:
         number, at = len(summary["sessions"]), summary["joined_at"]
-        joined = "never joined" if at is None else f"joined at scan {at + 1} of {summary['scans']}"
+        if not summary["sessions"][-1]["joined"]:
+            joined = "never joined"
+        elif at is None:
+            joined = "joined at its end"
+        else:
+            joined = f"joined at scan {at + 1} of {summary['scans']}"
         lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
     if summary["wheels"] is not None:
         lines.append(wheels_line(summary["wheels"]))

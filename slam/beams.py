@@ -101,20 +101,18 @@ class Beams:
 
     def from_middle(self) -> tuple[FloatArray, FloatArray]:
         """(N,) directions [rad], increasing, and ranges (N,) [m] of where the beams end as seen from
-        the middle of their origins; those that hit nothing look where they did, or between these."""
+        the middle of their origins; those that hit nothing look where they did. In their order, but
+        where one beam's end close by lies beside the next one's."""
         if self._is_of_one_origin:
             return self.angles_rad, self.ranges_m
-        ranges_m, is_hit = self.ranges_m.copy(), self.is_hit
+        angles_rad, ranges_m, is_hit = self.angles_rad.copy(), self.ranges_m.copy(), self.is_hit
         ends_m = self.origins_m[is_hit] - self.middle_m
         ends_m += ranges_m[is_hit, np.newaxis] * self.directions[is_hit]
         seen_rad = np.arctan2(ends_m[:, 1], ends_m[:, 0])
-        seen_rad = self.angles_rad[is_hit] + wrap_angle(seen_rad - self.angles_rad[is_hit])
+        angles_rad[is_hit] += wrap_angle(seen_rad - angles_rad[is_hit])
         ranges_m[is_hit] = np.hypot(*ends_m.T)
-        least, most = np.full(len(self), -np.inf), np.full(len(self), np.inf)
-        # close by, what one beam saw may lie beyond what the next one did
-        least[is_hit] = most[is_hit] = np.maximum.accumulate(seen_rad)
-        least, most = np.maximum.accumulate(least), np.minimum.accumulate(most[::-1])[::-1]
-        return np.clip(self.angles_rad, least, most), ranges_m
+        order = np.argsort(angles_rad, kind="stable")
+        return angles_rad[order], ranges_m[order]
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:

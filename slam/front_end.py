@@ -176,10 +176,15 @@ class FrontEnd:
         self._elapsed_s, self._last_s = measurement.time_s - self._last_s, measurement.time_s
         return way_m if way_m <= self.config.fastest_mps * self._elapsed_s else 0.0
 
+    @property
+    def usual_interval_s(self) -> float:
+        """Between the last scans, in the median [s]; 0 where there were not two."""
+        return statistics.median(self._intervals_s) if self._intervals_s else 0.0
+
     def _has_paused(self, measurement: Measurement) -> bool:
         """Whether nothing came for so long before a scan that the robot may have been carried off."""
         config, elapsed_s, intervals_s = self.config, self._elapsed_s, self._intervals_s
-        usual_s = statistics.median(intervals_s) if len(intervals_s) == _INTERVALS else math.inf
+        usual_s = self.usual_interval_s if len(intervals_s) == _INTERVALS else math.inf
         if math.isfinite(elapsed_s):
             intervals_s.append(elapsed_s)
         has_stood = math.hypot(measurement.motion.x, measurement.motion.y) < config.pause_m

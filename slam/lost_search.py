@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from slam.beams import Beams
 from slam.hypotheses import Hypotheses
-from slam.in_steps import Steps, all_at_once
+from slam.in_steps import Steps
 from slam.laser_faults import LaserFaultConfig, blocked
 from slam.look import Look
 from slam.relocalization import Hypothesis, Relocalizer
@@ -49,12 +49,8 @@ class LostSearch:
             self.since_s = time_s
         return self.since_s
 
-    def look(self, look: Look, *, is_motion_known: bool = True) -> Judgement:
-        """The places once more, by this scan too; tracking as soon as one is sure."""
-        return all_at_once(self.look_in_steps(look, is_motion_known=is_motion_known))
-
     def look_in_steps(self, look: Look, *, is_motion_known: bool = True) -> Steps[Judgement]:
-        """The same, a piece at a time."""
+        """The places once more, by this scan too, a piece at a time; tracking as soon as one is sure."""
         since_s, limits = self.begin(look.time_s), self._usual.limits(look.beams)
         places = yield from self.hypotheses.look_in_steps(
             look.beams, is_motion_known=is_motion_known

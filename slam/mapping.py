@@ -300,7 +300,8 @@ class Mapper:
         if self._joiner is None or self._is_joined:
             return
         poses = self._graph.poses
-        join = self._joiner.look(self._graph.keyframes, poses, math.inf if is_end else None)
+        time_s = math.inf if is_end else self._front_end.usual_interval_s
+        join = self._joiner.look(self._graph.keyframes, poses, time_s)
         if join is None:
             return
         self._graph.set_poses(join.moved(poses, self._first))

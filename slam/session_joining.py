@@ -22,7 +22,6 @@ from slam.slam_map import surfaces_seen
 from slam.verdict import Status
 from slam.verdict_limits import VerdictLimits
 
-_USUAL_BEAMS = 180
 _LOOPS = 5
 """What it costs to ask a keyframe for the loops that it closes: see `Steps`."""
 _ASIDE_M = 10.0
@@ -38,8 +37,9 @@ class JoiningConfig:
     was found that are asked as well, at_a_time of them with each keyframe. patience: keyframes after which a place that did not hold is
     given up. sigma: (m, rad) of a place that was found, start_sigma: of a start that was given.
     eager: keyframes looked for one by one, and burst: of as many later ones, where searching would
-    cost too much. work: until the next scan, in looks at what one scan of 180 beams says for one pose, of which a
-    search takes 100 to 500: some 60 ms. against: the session's scans against those before; what it lets pass is twice what
+    cost too much. work: between two scans, in looks
+    at one scan for one pose, of which a search takes 100 to 500; these take some 60 ms. Where scans
+    come more than a second apart, as many more. against: the session's scans against those before; what it lets pass is twice what
     a map may have, since things move between sessions; first_check: keyframes after which they are
     set against each other first, and most_checked pairs. Chosen, all of these.
     """
@@ -103,32 +103,31 @@ class SessionJoiner:
             widest = max((keyframe.beams for keyframe in keyframes), key=len)
             VerdictLimits.usual_for(self._known.relocalizer, widest.cut(laser.range_max_m))
         self._task: Steps[Join | None] | None = None
-        self._announced, self._next = 0.0, len(keyframes)
+        self._announced, self._next = 0, len(keyframes)
         self._keyframes, self._poses = keyframes, poses
         self._backlog: list[int] = []
         self._looks = self._tries = 0
         self._T_last: SE2 | None = None
         self._loops: list[Loop] = []
-        self._beam_count = _USUAL_BEAMS
 
     def look(
-        self, keyframes: Sequence[Keyframe], poses: FloatArray, most: float | None = None
+        self, keyframes: Sequence[Keyframe], poses: FloatArray, time_s: float = 0.0
     ) -> Join | None:
-        """What the keyframes add that were not looked at yet, one by one, by so much work as there is
+        """What the keyframes add that were not looked at yet, one by one, by as much work as there is
         time for until the next scan; the join as soon as it is sure.
 
-        poses: (K, 3) of all keyframes, those of the session in its own frame. most: as much work as
-        that, None: as configured.
+        poses: (K, 3) of all keyframes, those of the session in its own frame. time_s: usual between
+        two scans; inf: none comes any more.
         """
         self._keyframes, self._poses = keyframes, poses
-        left = (self.config.work if most is None else most) - self._announced
+        left = self.config.work * max(1.0, time_s) - self._announced
         while self._task is not None or self._next < len(keyframes):
             if self._task is None:
                 self._task, self._next = self._looked_at(self._next), self._next + 1
             try:
-                self._announced = next(self._task) * self._beam_count / _USUAL_BEAMS
+                self._announced = next(self._task)
             except StopIteration as end:
-                self._task, self._announced = None, 0.0
+                self._task, self._announced = None, 0
                 join: Join | None = end.value
                 if join is not None:
                     return join
@@ -142,7 +141,7 @@ class SessionJoiner:
         """Takes back the last join, which turned out wrong."""
         if not self._is_start_known:
             self._give_up()
-        self._loops, self._next = [], len(self._keyframes)
+        self._loops = []
 
     def _looked_at(self, index: int) -> Steps[Join | None]:
         """What one keyframe adds, a piece at a time."""
@@ -180,7 +179,6 @@ class SessionJoiner:
         moved = SE2.identity() if self._T_last is None else self._T_last.inverse() @ T_now
         self._T_last = T_now
         beams = keyframe.beams.cut(self._known.laser.range_max_m)
-        self._beam_count = len(beams)
         look = Look(keyframe.time_s, beams, self._known.matcher("fast"))
         judged = yield from self._guard.search_in_steps(look, moved, np.zeros((3, 3)))
         if judged.verdict.status is not Status.TRACKING or judged.match is None:

@@ -9,6 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from experiments.cli import main
+from experiments.slam_log import table
 from slam import read_map, read_slam_map, read_tum
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
@@ -171,6 +172,9 @@ def test_log_continues_a_map(folder, tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text())
     assert summary["verdict"] == "good"
     assert summary["joined_at"] is not None
+    # where no scan but the end showed it
+    at_end = table(summary | {"joined_at": None})
+    assert "session 2, on map.kitasap: joined at its end" in at_end
     scans = summary["scans"]
     assert [(one["scans"], one["joined"]) for one in summary["sessions"]] == [(scans, True)] * 2
     # this log's records in the one, the scans of all sessions in the other

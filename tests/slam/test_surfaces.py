@@ -1,6 +1,7 @@
 """Surfaces averaged from many scans: both sides of a wall, what was passed, thin things, edges."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.spatial import cKDTree
 from slam.beams import Beams
 from slam.kernels.visibility import COUNTS, MET, PASSED, SILENT, looks_into
 from slam.se2 import SE2
-from slam.surface_cells import SurfacesConfig
+from slam.surface_cells import Seen, SurfaceCells, SurfacesConfig
 from slam.surface_map import faced
 from slam.surfaces import Surfaces, _is_of_what_went, surfaces_of
 from slam.views import Glances, View
@@ -142,11 +143,60 @@ def test_beams_fired_on_the_way_are_seen_from_their_middle():
     beams = Beams(origins, angles, ranges)
     view = View.of(SE2.identity(), beams)
     assert np.all(np.diff(view.angles_rad) >= 0.0)
-    assert np.array_equal(np.isfinite(view.ranges_m), np.isfinite(ranges))
-    assert np.allclose(view.faced(40.0)[:, :2], beams.points, atol=1e-9)
-    # one beam's end may lie beside another's, in the other order
-    near = Beams(origins, angles, np.full(181, 0.02))
-    assert np.all(np.diff(View.of(SE2.identity(), near).angles_rad) >= 0.0)
+    assert np.isfinite(view.ranges_m).sum() == np.isfinite(ranges).sum()
+    assert off_points(view.faced(40.0)[:, :2], beams.points) < 1e-9
+    glances = Glances()
+    glances.take(SE2.identity(), beams)
+    kept = glances.kept[0].view(SE2.identity())
+    assert off_points(kept.faced(40.0)[:, :2], beams.points) < 1e-5
+    # one beam's end close by may lie beside another's, in the other order: no other one moves
+    ranges[30:40] = 0.02
+    near = Beams(origins, angles, ranges)
+    view = View.of(SE2.identity(), near)
+    assert np.all(np.diff(view.angles_rad) >= 0.0)
+    assert off_points(view.faced(40.0)[:, :2], near.points) < 1e-9
+
+
+def off_points(points, others) -> float:
+    """How far the farthest of points (N, 2) lies from the nearest of others."""
+    assert len(points) == len(others)
+    return float(cKDTree(others).query(points)[0].max())
+
+
+def test_scans_of_one_keyframe_are_no_witnesses_of_their_own():
+    # five points in a row: enough of five keyframes, or of one, but not of five scans of one
+    config = SurfacesConfig()
+    points = np.column_stack([np.linspace(1.0, 1.1, 6), np.full(6, 1.0), np.full(6, -np.pi / 2)])
+
+    def pieces(scans):
+        one = [Seen(LASER, points[k : k + 1], np.array([1.05, 0.0]), scans) for k in range(6)]
+        return SurfaceCells.of(one, config).pieces(config)
+
+    many = pieces(1)
+    assert len(many[0]) >= 2
+    assert len(pieces(5)[0]) < len(many[0])
+    certain = replace(config, most_sigma_m=1.0)
+    one, other = (
+        SurfaceCells.of([Seen(LASER, points, np.array([1.05, 0.0]), scans)], certain).pieces(
+            certain
+        )[2]
+        for scans in (1, 5)
+    )
+    assert np.allclose(one, 5.0 * other)
+
+
+def test_of_many_scans_between_two_keyframes_four_are_taken(monkeypatch):
+    taken, of = [], SurfaceCells.of
+    monkeypatch.setattr(
+        SurfaceCells,
+        "of",
+        staticmethod(lambda seen, config: taken.append(seen) or of(seen, config)),
+    )
+    scan = seen(TRUE, PLACES[0], np.random.default_rng(12))
+    for count, expected in ((0, 1), (3, 4), (4, 5), (16, 5)):
+        surfaces_of([scan], [[View.of(scan[0], scan[2])] * count])
+        assert len(taken[-1]) == expected
+        assert {one.scans for one in taken[-1]} == {expected}
 
 
 def test_a_beam_from_nowhere_passed_what_returned_others_from_as_far():
