@@ -34,14 +34,15 @@ class JoiningConfig:
 
     least_loops: keyframes, least_way_m apart at least, that see the map where one and the same place
     of the session lets them, within near (m, rad). back: keyframes before the one at which a place
-    was found that are asked as well, at_a_time of them with each keyframe. patience: keyframes after which a place that did not hold is
-    given up. sigma: (m, rad) of a place that was found, start_sigma: of a start that was given.
-    eager: keyframes looked for one by one, and burst: of as many later ones, where searching would
-    cost too much. work: between two scans, in looks
-    at one scan for one pose, of which a search takes 100 to 500; these take some 60 ms. Where scans
-    come more than a second apart, as many more. against: the session's scans against those before; what it lets pass is twice what
-    a map may have, since things move between sessions; first_check: keyframes after which they are
-    set against each other first, and most_checked pairs. Chosen, all of these.
+    was found that are asked as well, at_a_time of them with each keyframe. patience: keyframes after
+    which a place that did not hold is given up. sigma: (m, rad) of a place that was found,
+    start_sigma: of a start that was given. eager: keyframes looked for one by one, and burst: of as
+    many later ones, where searching would cost too much. work: between two scans, in looks at one
+    scan for one pose, of which a search takes 100 to 500; these take some 60 ms. unhurried: as many
+    times that where scans come more than a second apart. against: the session's scans against those
+    before; what it lets pass is twice what a map may have, since things move between sessions;
+    first_check: keyframes after which they are set against each other first, and most_checked pairs.
+    Chosen, all of these.
     """
 
     least_loops: int = 3
@@ -55,6 +56,7 @@ class JoiningConfig:
     eager: int = 60
     burst: int = 15
     work: float = 100.0
+    unhurried: float = 6.0
     first_check: int = 25
     most_checked: int = 300
     against: ConsistencyConfig = field(
@@ -120,7 +122,9 @@ class SessionJoiner:
         two scans; inf: none comes any more.
         """
         self._keyframes, self._poses = keyframes, poses
-        left = self.config.work * max(1.0, time_s) - self._announced
+        config = self.config
+        most = config.work * (1.0 if time_s <= 1.0 else config.unhurried)
+        left = (math.inf if math.isinf(time_s) else most) - self._announced
         while self._task is not None or self._next < len(keyframes):
             if self._task is None:
                 self._task, self._next = self._looked_at(self._next), self._next + 1

@@ -204,6 +204,10 @@ def test_search_of_a_whole_map_is_spread_over_the_scans(first, monkeypatch):
         joined_at.append([step.is_joined for step in steps].index(True))
         looks.append(max(counts))
     assert joined_at[1] > joined_at[0]
+    # a log with a scan each two seconds has the time
+    slow = [replace(one, time_s=20.0 * one.time_s) for one in second]
+    mapper = Mapper.continued(first, ring.T_BASE_LASER)
+    assert [mapper.update(one).is_joined for one in slow].index(True) < 0.7 * joined_at[1]
     assert looks[0] > 100
     assert looks[1] <= 60
     # a log that ends before all is looked at
