@@ -151,7 +151,7 @@ _TRIALS = (
 def _tried(name: str, code: str, mend: str) -> Check:
     status, said = _in_process(code)
     # the message of a missing system library names its package
-    named = re.search(r"(?:sudo )?apt-get install \S+|pip install \S+", said)
+    named = re.search(r"(?:sudo )?apt-get install [^\s,;]+|pip install [^\s,;]+", said)
     return Check(
         "core", name, OK if status == 0 else BROKEN, said, named[0] if named else mend, True
     )

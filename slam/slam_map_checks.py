@@ -64,12 +64,14 @@ def check_arrays(arrays: _Arrays, status_count: int) -> None:
 def _check_numbers(name: str, array: np.ndarray) -> None:
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} are no numbers but {array.dtype}")
+    if not array.dtype.isnative:
+        raise ValueError(f"{name} are {array.dtype}, not in this machine's order of bytes")
     if name not in MAY_BE_INFINITE and not np.isfinite(array).all():
         raise ValueError(f"{name} are not finite")
     is_place = name.endswith(("poses", "ways", "origins_m")) or name == "points"
-    if is_place and np.abs(array).max(initial=0.0) > _FARTHEST_M:
+    if is_place and float(np.abs(array).max(initial=0.0)) > _FARTHEST_M:
         raise ValueError(f"{name} reach beyond {_FARTHEST_M:g} m")
-    if name.endswith("angles_rad") and np.abs(array).max(initial=0.0) > _MOST_RAD:
+    if name.endswith("angles_rad") and float(np.abs(array).max(initial=0.0)) > _MOST_RAD:
         raise ValueError(f"{name} reach beyond {_MOST_RAD:g} rad")
     if name.endswith("ranges_m") and (array < 0.0).any():
         raise ValueError(f"{name} are below 0")

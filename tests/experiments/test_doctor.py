@@ -74,6 +74,9 @@ def test_system_library_is_mended_by_what_the_message_names(monkeypatch):
     message = "ImportError: Open3D needs libGL.so: sudo apt-get install libgl1 (libGL.so.1: cannot)"
     monkeypatch.setattr(doctor, "_in_process", lambda code: (1, message))
     assert doctor._tried("ICP", "", "else").mend == "sudo apt-get install libgl1"
+    message = "ImportError: Open3D needs libusb-1.0: pip install libusb-package, or sudo apt-get"
+    monkeypatch.setattr(doctor, "_in_process", lambda code: (1, message))
+    assert doctor._tried("ICP", "", "else").mend == "pip install libusb-package"
     assert doctor._rendering().is_well  # no pictures, but all else
     assert doctor._compiled_code().is_well
 

@@ -208,3 +208,10 @@ def test_beams_that_no_laser_has_make_no_map(name, value, said):
     with pytest.raises(ValueError, match=said):
         _check_numbers(name, beams)
     _check_numbers(name, np.array([0.5, 1.0]))
+
+
+def test_numbers_of_other_machines_are_checked_without_a_warning():
+    # found by fuzzing: 1e8 m is more than a float16 holds, and kernels are compiled for no such order
+    _check_numbers("poses", np.array([[0.5, 1.0, 0.0]], dtype=np.float16))
+    with pytest.raises(ValueError, match="order of bytes"):
+        _check_numbers("poses", np.array([[0.5, 1.0, 0.0]], dtype=np.dtype("f8").newbyteorder("S")))
