@@ -14,6 +14,8 @@ from slam.kernels.beam_points import are_all_first, directions_into, points_into
 from slam.measurements import LaserScan
 from slam.se2 import SE2, wrap_angle
 
+POINTS_WITHIN_M = 40.0
+"""Chosen: what maps are made of lies no farther from the laser; beyond, its beams spread too far."""
 _FARTHEST_M = 1e5
 """A range beyond is a driver's way to say something else."""
 

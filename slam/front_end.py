@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.beams import Beams
+from slam.beams import POINTS_WITHIN_M, Beams
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
@@ -87,7 +87,7 @@ class FrontEndConfig:
     pause_inlier_ratio: float = 0.9
     most_passed: float = 0.75
     margins: tuple[float, float] = (0.15, 0.02)
-    range_max_m: float = 40.0
+    range_max_m: float = POINTS_WITHIN_M
 
 
 class FrontEnd:

@@ -89,7 +89,8 @@ class Hypotheses:
         before = self.places[:1]
         relocalizer = self._relocalizer
         carried = [place.T_map_base for place in self.places]
-        carried += [] if T_believed is None else [T_believed]
+        if T_believed is not None:
+            carried.append(T_believed)
         starts = []
         for T_map_base in carried:
             yield REFINED

@@ -69,10 +69,12 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
     if name not in MAY_BE_INFINITE and not np.isfinite(array).all():
         raise ValueError(f"{name} are not finite")
     is_place = name.endswith(("poses", "ways", "origins_m")) or name == "points"
-    if is_place and float(np.abs(array).max(initial=0.0)) > _FARTHEST_M:
-        raise ValueError(f"{name} reach beyond {_FARTHEST_M:g} m")
-    if name.endswith("angles_rad") and float(np.abs(array).max(initial=0.0)) > _MOST_RAD:
-        raise ValueError(f"{name} reach beyond {_MOST_RAD:g} rad")
+    for is_such, most, unit in (
+        (is_place, _FARTHEST_M, "m"),
+        (name.endswith("angles_rad"), _MOST_RAD, "rad"),
+    ):
+        if is_such and float(np.abs(array).max(initial=0.0)) > most:
+            raise ValueError(f"{name} reach beyond {most:g} {unit}")
     if name.endswith("ranges_m") and (array < 0.0).any():
         raise ValueError(f"{name} are below 0")
     is_squared = name in ("keyframe_covariances", "loop_information")

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.beams import POINTS_WITHIN_M
 from slam.kernels.surface_map import SIDES
 from slam.se2 import SE2
 
@@ -39,11 +40,11 @@ class SurfacesConfig:
     counting those that came back from nowhere, which a chair's leg makes one in eight. least_points:
     of a piece's own, or else as a share of the looks that met it: of what is behind an edge light
     mixed there makes one in a hundred looks; of each scan of a keyframe, where there are several.
-    glances: scans between two keyframes of which the points are taken too, at most; range_max_m: so
-    near, as those of keyframes are. beside_m,
-    beside_share: by which a beam must end elsewhere, and as a share of its length. coarsest_m: beams
-    farther apart than this may pass thin things by. min_sigma_m: least standard deviation across a
-    piece. Chosen, all of these, on twenty simulated drives through two rooms and a corridor.
+    glances: scans between two keyframes of which the points are taken too, at most; range_max_m:
+    those within it, as of keyframes. beside_m, beside_share: by which a beam must end elsewhere, and
+    as a share of its length. coarsest_m: beams farther apart than this may pass thin things by.
+    min_sigma_m: least standard deviation across a piece. Chosen, all of these, on twenty simulated
+    drives through two rooms and a corridor.
     """
 
     cell_m: float = 0.05
@@ -57,7 +58,7 @@ class SurfacesConfig:
     least_returns: float = 0.8
     least_points: tuple[float, float] = (1.5, 0.03)
     glances: int = 4
-    range_max_m: float = 40.0
+    range_max_m: float = POINTS_WITHIN_M
     beside_m: float = 0.05
     beside_share: float = 0.02
     coarsest_m: float = 0.05
@@ -79,7 +80,7 @@ class SurfaceCells:
     """What lies in the cells of a grid, for each of the sides that surfaces face.
 
     keys: (C,) sorted; at: (C, 3) column, row, side; sums: (C, 8) weight, x, y, xx, xy, yy [m] from
-    the middle of all, the weights' squares, and what they are for each scan of a keyframe.
+    the middle of all, the weights' squares, and each weight over the scans of its keyframe.
     """
 
     keys: IntArray

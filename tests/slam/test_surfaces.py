@@ -164,7 +164,8 @@ def off_points(points, others) -> float:
 
 
 def test_scans_of_one_keyframe_are_no_witnesses_of_their_own():
-    # five points in a row: enough of five keyframes, or of one, but not of five scans of one
+    # six points in a row: enough for all of it where each is a keyframe's, less where six of five
+    # scans of one are
     config = SurfacesConfig()
     points = np.column_stack([np.linspace(1.0, 1.1, 6), np.full(6, 1.0), np.full(6, -np.pi / 2)])
 
