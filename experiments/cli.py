@@ -2,6 +2,8 @@
 
 import os
 import sys
+from pathlib import Path
+from traceback import walk_tb
 from typing import Annotated
 
 import typer
@@ -95,10 +97,12 @@ def main(arguments: list[str] | None = None) -> int:
         said = error.format_message()  # type: ignore[attr-defined]
         is_unknown = not typed or said.startswith("No such command")
         return _refused(said + (" See kitasap --help." if is_unknown else ""))
-    except (ValueError, OSError, RuntimeError, ImportError) as error:
-        if os.environ.get("KITASAP_TRACEBACK"):
+    except (ValueError, OSError, RuntimeError, ImportError, AttributeError) as error:
+        asked_in_vain = _opengl_asked_in_vain(error)
+        is_fault = isinstance(error, AttributeError) and not asked_in_vain
+        if is_fault or os.environ.get("KITASAP_TRACEBACK"):
             raise
-        return _refused(_reason(error))
+        return _refused(asked_in_vain or _reason(error))
     except MemoryError:
         return _refused("there is not enough memory for this")
     except (KeyboardInterrupt, typer.Abort):
@@ -115,6 +119,20 @@ def _reason(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename and error.strerror:
         return f"{error.filename}: {error.strerror}"
     return str(error) or type(error).__name__
+
+
+def _opengl_asked_in_vain(error: Exception) -> str:
+    """What to do where MuJoCo could not load the OpenGL that MUJOCO_GL asks for, whatever it raised
+    then; nothing for all other errors."""
+    asked = os.environ.get("MUJOCO_GL")
+    files = [Path(frame.f_code.co_filename) for frame, _ in walk_tb(error.__traceback__)]
+    loads = any(file.name == "gl_context.py" and "mujoco" in file.parts for file in files)
+    if not asked or not loads:
+        return ""
+    return (
+        f"MuJoCo cannot load the OpenGL that MUJOCO_GL={asked} asks for ({error}): unset MUJOCO_GL, "
+        "or see kitasap doctor"
+    )
 
 
 def _refused(reason: str) -> int:

@@ -12,7 +12,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
@@ -21,6 +21,8 @@ from typing import Any
 from experiments.provenance import commit
 
 OK, MISSING, BROKEN = "ok", "missing", "BROKEN"
+OPENGL_ASKED = "MUJOCO_GL"
+"""The variable by which MuJoCo is told how to draw; it loads what that names when it is imported."""
 _PROJECT = Path(__file__).parents[1]
 _MODULES = {
     "pillow": "PIL",
@@ -64,17 +66,17 @@ class _Requirement:
 
 def examined() -> list[Check]:
     """Everything looked at, in the order in which it is told. Raises nothing."""
-    looks: list[Callable[[], Check]] = [
-        _python,
-        *(partial(_library, one) for one in _requirements() if one.extra is None),
-        *(partial(_tried, *one) for one in _TRIALS),
-        _rendering,
-        _compiled_code,
-        _machine,
-        *(partial(_extra, name, lines) for name, lines in _extras().items()),
-    ]
+    looks: tuple[list[Callable[[], Check]], ...] = (
+        [_python, *(partial(_library, one) for one in _requirements() if one.extra is None)],
+        [*(partial(_tried, *one) for one in _TRIALS), _rendering, _compiled_code],
+        [_machine, *(partial(_extra, name, lines) for name, lines in _extras().items())],
+    )
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        return [running.result() for running in [pool.submit(look) for look in looks]]
+        running = [[pool.submit(look) for look in some] for some in looks]
+        libraries, tried, rest = ([one.result() for one in some] for some in running)
+    if not all(check.is_well for check in libraries):  # what stands on them may well be sound
+        tried = [replace(check, mend="the lines above, first") for check in tried]
+    return [*libraries, *tried, *rest]
 
 
 def told(checks: list[Check]) -> str:
@@ -159,17 +161,20 @@ def _tried(name: str, code: str, mend: str) -> Check:
 
 def _rendering() -> Check:
     code = "from kitasap_sim.rendering import check_rendering\nprint(check_rendering())"
-    asked = os.environ.get("MUJOCO_GL")
-    status, said = _in_process(code)
+    asked = os.environ.get(OPENGL_ASKED)
+    status, said = _in_process(code, as_asked=True)
     if status == 0:
-        words = said + (f", as MUJOCO_GL={asked} asks" if asked else "")
+        words = said + (f", as {OPENGL_ASKED}={asked} asks" if asked else "")
         return Check("pictures", "OpenGL", OK, words)
+    if asked and _in_process("import mujoco", as_asked=True)[0] != 0:
+        words = f"MuJoCo cannot be loaded with {OPENGL_ASKED}={asked}: {said}"
+        return Check("pictures", "OpenGL", BROKEN, words, f"unset {OPENGL_ASKED}", True)
     mend = "sudo apt-get install libegl1 libgl1"
     if asked:
-        mend = "unset MUJOCO_GL"
+        mend = f"unset {OPENGL_ASKED}"
     elif os.environ.get("DISPLAY"):
-        mend = "MUJOCO_GL=egl kitasap ..., where the display cannot be drawn on"
-    return Check("pictures", "OpenGL", MISSING, f"no pictures; physics needs none: {said}", mend)
+        mend = f"{OPENGL_ASKED}=egl kitasap ..., where the display cannot be drawn on"
+    return Check("pictures", "OpenGL", MISSING, said.partition("RenderingError: ")[2] or said, mend)
 
 
 def _compiled_code() -> Check:
@@ -300,13 +305,15 @@ def _satisfies(found: str, line: str) -> bool:
         return True
 
 
-def _in_process(code: str) -> tuple[int, str]:
-    """How a process ended that ran some code, and the last line that it said."""
+def _in_process(code: str, as_asked: bool = False) -> tuple[int, str]:
+    """How a process ended that ran some code, and the last line that it said. as_asked: with the
+    OpenGL that the environment asks for, without which MuJoCo may not load; otherwise with any."""
+    surroundings = {k: v for k, v in os.environ.items() if as_asked or k != OPENGL_ASKED}
     path = os.pathsep.join(filter(None, (str(_PROJECT), os.environ.get("PYTHONPATH"))))
     try:
         done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, errors="replace",
-            timeout=_LIMIT_S, check=False, env=os.environ | {"PYTHONPATH": path},
+            timeout=_LIMIT_S, check=False, env=surroundings | {"PYTHONPATH": path},
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return 1, f"did not end within {_LIMIT_S:.0f} s"

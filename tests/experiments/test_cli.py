@@ -1,5 +1,8 @@
 """The command: whatever is wrong, one line says so and the status is 2."""
 
+import os
+import subprocess
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -154,6 +157,38 @@ def test_missing_system_library_is_said_before_the_first_trial(monkeypatch, caps
     line = refusal(capsys, "run", "localization", "--out", tmp_path / "out")
     assert line == "Open3D needs the system library libGL.so: apt-get install libgl1"
     assert not (tmp_path / "out").exists()
+
+
+def test_opengl_that_cannot_be_loaded_is_told_as_that(monkeypatch, capsys, tmp_path):
+    import experiments.trials as trials
+
+    # MuJoCo loads what the variable asks for when it is imported, and lets through what that raises
+    code = "raise AttributeError(\"'NoneType' object has no attribute 'glGetError'\")"
+    file = "site-packages/mujoco/rendering/classic/gl_context.py"
+    monkeypatch.setattr(trials, "load_open3d", lambda: exec(compile(code, file, "exec")))
+    run = ("run", "localization", "--out", tmp_path / "out")
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    line = refusal(capsys, *run)
+    assert line.startswith(
+        "MuJoCo cannot load the OpenGL that MUJOCO_GL=osmesa asks for ('NoneType'"
+    )
+    assert line.endswith("unset MUJOCO_GL, or see kitasap doctor")
+    # a fault of ours is not laid on it
+    monkeypatch.setattr(trials, "load_open3d", lambda: exec(compile(code, "ours.py", "exec")))
+    with pytest.raises(AttributeError, match="glGetError"):
+        main([str(word) for word in run])
+
+
+@pytest.mark.slow
+def test_opengl_of_no_name_is_refused_in_one_line():
+    done = subprocess.run(
+        [sys.executable, "-m", "experiments.cli", "trial", "localization"],
+        env=os.environ | {"MUJOCO_GL": "nonsense"}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("kitasap: MuJoCo cannot load the OpenGL")
+    assert done.stderr.count("\n") == 1
+    assert "unset MUJOCO_GL" in done.stderr
 
 
 def test_help_names_every_laser_and_place(capsys):

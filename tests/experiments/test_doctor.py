@@ -13,7 +13,7 @@ from kitasap_sim.rendering import RenderingError, check_rendering
 @pytest.fixture
 def quick(monkeypatch) -> None:
     """Nothing is tried: that takes a second of each core."""
-    monkeypatch.setattr(doctor, "_in_process", lambda code: (0, "tried"))
+    monkeypatch.setattr(doctor, "_in_process", lambda code, as_asked=False: (0, "tried"))
 
 
 @pytest.fixture
@@ -77,8 +77,35 @@ def test_system_library_is_mended_by_what_the_message_names(monkeypatch):
     message = "ImportError: Open3D needs libusb-1.0: pip install libusb-package, or sudo apt-get"
     monkeypatch.setattr(doctor, "_in_process", lambda code: (1, message))
     assert doctor._tried("ICP", "", "else").mend == "pip install libusb-package"
-    assert doctor._rendering().is_well  # no pictures, but all else
     assert doctor._compiled_code().is_well
+
+
+def test_without_opengl_only_pictures_are_missing(monkeypatch):
+    said = "kitasap_sim.rendering.RenderingError: no OpenGL to draw with (libEGL.so.1: cannot)"
+    monkeypatch.setattr(doctor, "_in_process", lambda code, as_asked: (1, said))
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    check = doctor._rendering()
+    assert check.is_well
+    assert check.found == "no OpenGL to draw with (libEGL.so.1: cannot)"
+    assert "libegl1" in check.mend or "MUJOCO_GL=egl" in check.mend
+
+
+def test_opengl_with_which_mujoco_cannot_be_loaded_is_one_fault_with_its_own_mend(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "nonsense")
+    check = doctor._rendering()
+    assert (check.state, check.is_well, check.mend) == (doctor.BROKEN, False, "unset MUJOCO_GL")
+    assert "MUJOCO_GL=nonsense" in check.found
+    # which is no fault of the library's
+    assert doctor._library(_Requirement("mujoco", "mujoco>=3", None)).state == doctor.OK
+
+
+def test_what_stands_on_a_broken_library_is_not_told_to_be_mended(requirements, monkeypatch):
+    requirements(("numba>=99", None))
+    monkeypatch.setattr(doctor, "_in_process", lambda code, as_asked=False: (1, "no numba"))
+    checks = {check.name: check for check in doctor.examined()}
+    assert checks["numba"].mend.startswith("pip install 'numba>=99'")
+    tried = ("Open3D's ICP", "robot and laser", "OpenGL", "compiled code")
+    assert {checks[name].mend for name in tried} == {"the lines above, first"}
 
 
 def test_requirements_are_those_of_the_project():
