@@ -16,6 +16,8 @@ from PIL import Image
 _MOST_MARKS = 400
 """Chosen: what has more points or lines is drawn as pixels, between words that stay words."""
 _DPI = 130
+_MOST_SCALE = 1.8
+"""Chosen: pixels of the page for each point of the figure. More make the words of a narrow one giant."""
 _COLOURS = 64
 """Chosen: of the pixels; all 16 million would make them three times as large."""
 
@@ -24,7 +26,7 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
     """The figure as one `svg` element, and closes it. The same figure and key give the same text.
 
     key: of letters, digits and hyphens, another for each figure of a page: it goes before all ids.
-    alt: what is to be seen, in words.
+    alt: what is to be seen, in words. Its property --wide is how wide a page may show it.
     """
     for axis in figure.axes:
         for artist in axis.get_children():
@@ -40,11 +42,12 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
     # each word names eleven fonts; the page does that once
     body = re.sub(r"font-family: 'DejaVu Sans Mono'[^;\"]*", "font-family: monospace", body)
     body = re.sub(r"; font-family: 'DejaVu Sans'[^;\"]*", "", body)
-    view = re.search(r'viewBox="[^"]+"', body)
+    view = re.search(r'viewBox="0 0 ([\d.]+) [\d.]+"', body)
     assert view is not None
+    wide_px = round(_MOST_SCALE * float(view[1]))
     opening = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        f' {view[0]} role="img" aria-labelledby="{key}-title"><title id="{key}-title">'
+        f' {view[0]} style="--wide: {wide_px}px" role="img" aria-labelledby="{key}-title"><title id="{key}-title">'
         f"{escape(alt)}</title>"
     )
     return opening + re.sub(r"\n\s*", "\n", body[body.index(">") + 1 :]).strip()

@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from itertools import islice
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import pytest
 
 from experiments import mapping, runs
@@ -301,6 +302,11 @@ def test_names_are_words_and_neither_markup_nor_formulas(box_room, tmp_path):
     assert "Kidnapped in a&lt;b onload=x&gt;&amp;\"'$y{ $frac{ü: does" in svg
     assert '<title id="key-title">a &lt; b</title>' in svg
     assert any(str(place) in shlex.split(words) for words in Page(text).words["code"] if words)
+
+
+def test_a_narrow_figure_does_not_fill_the_page_with_its_words():
+    figure, _ = plt.subplots(figsize=(2.0, 1.0))
+    assert 'style="--wide: 259px"' in inline_svg(figure, "key", "small")  # 144 points
 
 
 def damaged_config(folder: Path, **changes: object) -> None:
