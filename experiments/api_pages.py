@@ -3,6 +3,7 @@
 `python -m experiments.api_pages [FOLDER]`; the pages of the two packages are where to begin.
 """
 
+import argparse
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,7 +12,7 @@ PACKAGES = ("slam", "slam.metrics", "slam.pose_graph", "kitasap_sim", "kitasap_s
 _LEFT_OUT = (
     "!slam.warm_up",  # of the same name as the function within, which is shown
     # of the tasks: what they are made of
-    r"!kitasap_sim\.env\.(bumper|checks|distance|kernels|motors|path|picture)",
+    r"!kitasap_sim\.env\.(bumper|checks|distance|kernels|keywords|motors|path|picture)",
 )
 _FOLDER = Path("results") / "api"
 
@@ -38,8 +39,13 @@ def write_pages(folder: Path) -> Path:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        prog="python -m experiments.api_pages",
+        description="Writes the documentation of slam and kitasap_sim as HTML.",
+    )
+    parser.add_argument("folder", nargs="?", type=Path, default=_FOLDER, help="where to")
     try:
-        print(write_pages(Path(sys.argv[1]) if len(sys.argv) > 1 else _FOLDER))
+        print(write_pages(parser.parse_args().folder))
     except (ImportError, ValueError, OSError) as refused:
         print(f"api_pages: {refused}", file=sys.stderr)
         sys.exit(2)

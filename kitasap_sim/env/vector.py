@@ -34,7 +34,7 @@ class KitasapVectorEnv(KeepsSpec, SyncVectorEnv):
     """What `SyncVectorEnv` of the same task gives, to the bit, on all cores of the machine.
 
     `gymnasium.make_vec("Kitasap2/GoTo-v0", num_envs=64)` makes it. threads: as many as cores by
-    default. An episode that ended begins anew as `autoreset_mode` says, one of Gymnasium's or its
+    default. An episode that ended begins anew as autoreset_mode says, one of Gymnasium's or its
     name: with the next step ("NextStep", as Gymnasium's own do by default), with the same one,
     which then has its last observation and info as `final_obs` and `final_info` ("SameStep"), or by
     `reset(options={"reset_mask": ...})` alone ("Disabled"). It is a keyword like any other, here,
@@ -90,7 +90,7 @@ class KitasapVectorEnv(KeepsSpec, SyncVectorEnv):
         """One step of all.
 
         Raises ValueError for actions that are none, RuntimeError where one is over that only
-        `reset` begins anew, and ClosedEnvironmentError after `close`; nothing moves then.
+        `reset` begins anew, and ClosedEnvironmentError after close(); nothing moves then.
         """
         if self.closed:
             raise ClosedEnvironmentError("step() after close(): make the vector env anew")
