@@ -55,7 +55,7 @@ def jointly_adjusted(
     for _ in range(config.rounds if len(keyframes) > 1 else 0):
         graph = graph_of(keyframes, loops, poses)
         _add_fits(graph, keyframes, poses, config, SurfaceMap(surfaces))
-        poses = graph.solve().poses
+        poses = graph.solve().poses[: len(keyframes)]
     return poses
 
 
@@ -66,15 +66,21 @@ def _add_fits(
     config: AdjustmentConfig,
     surfaces: SurfaceMap,
 ) -> None:
-    """Adds where each scan fits what the others saw, as seen from the first keyframe."""
+    """Adds the frame of the surfaces, and where each scan fits in it what the others saw.
+
+    The first keyframe, where the map's own frame is, fits them too: held by its steps alone, it would
+    lie as far off as the few scans next to it are.
+    """
     placed = [
         moved(SE2.from_array(pose), surfaces.thinned(keyframe.faced))
         for pose, keyframe in zip(poses, keyframes, strict=True)
     ]
     for points in placed:
         surfaces.add(points)
-    first, nothing = SE2.from_array(poses[0]), np.zeros((3, 3))
-    for index in range(1, len(keyframes)):
+    nothing, little = np.zeros((3, 3)), _LITTLE * np.eye(3)
+    frame = graph.add_node(SE2.identity())
+    graph.add_edge(0, frame, SE2.from_array(poses[0]).inverse(), little)  # where none fits
+    for index in range(len(keyframes)):
         if keyframes[index].is_place_alone:
             continue
         T_now = SE2.from_array(poses[index])
@@ -88,5 +94,5 @@ def _add_fits(
             and math.hypot(step.x, step.y) <= config.most_m
         ):
             # a direction that no surface holds tells nothing
-            information = config.weight * match.information + _LITTLE * np.eye(3)
-            graph.add_edge(0, index, first.inverse() @ match.T_map_base, information)
+            information = config.weight * match.information + little
+            graph.add_edge(frame, index, match.T_map_base, information)

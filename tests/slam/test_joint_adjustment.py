@@ -57,6 +57,28 @@ def test_scans_pull_straight_what_was_pushed_askew(loose, drive):
     assert after[1] < 0.5 * before[1]
 
 
+def test_frame_of_the_map_is_where_its_first_scan_fits_all_others(loose, drive):
+    true, first = true_of(loose, drive), SE2.from_array(loose.poses[0])
+    turned = [
+        first @ SE2(0.0, 0.0, 0.005) @ first.inverse() @ SE2.from_array(p) for p in loose.poses
+    ]
+    pushed = np.array([first.as_array(), *(one.as_array() for one in turned[1:])])
+    keyframes = [
+        replace(one, covariance=np.eye(3), T_before=step)
+        for one, step in zip(loose.keyframes, [SE2.identity(), *_steps(pushed)], strict=True)
+    ]
+    adjusted = jointly_adjusted(keyframes, [], pushed)
+    assert adjusted[0] == pytest.approx(pushed[0], abs=1e-9)
+    T_true_map = [
+        SE2.from_array(poses[0]).inverse()
+        @ absolute_errors(poses, true).T_true_estimated.inverse()
+        @ SE2.from_array(true[0])
+        for poses in (pushed, adjusted)
+    ]
+    assert abs(T_true_map[0].theta) > 0.004
+    assert abs(T_true_map[1].theta) < 0.002
+
+
 def _steps(poses: np.ndarray) -> list[SE2]:
     placed = [SE2.from_array(pose) for pose in poses]
     return [one.inverse() @ other for one, other in itertools.pairwise(placed)]
