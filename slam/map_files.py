@@ -309,8 +309,8 @@ def _cell_values(full: int, header: _Header) -> NDArray[np.int8]:
         between = np.full(p.shape, float(UNKNOWN))
     else:
         # ROS 1: 99 in place of 100, and cut, not rounded
-        span = header.occupied_thresh - header.free_thresh
-        between = np.rint((p - header.free_thresh) / span * 100.0)
+        free, occupied = header.free_thresh, header.occupied_thresh
+        between = np.rint((np.clip(p, free, occupied) - free) / (occupied - free) * 100.0)
     is_occupied, is_free = p > header.occupied_thresh, p < header.free_thresh
     return np.select([is_occupied, is_free], [OCCUPIED, FREE], between).astype(np.int8)
 

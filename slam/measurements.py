@@ -44,7 +44,7 @@ class LaserScan:
 
     def __post_init__(self) -> None:
         angles_rad = frozen_array(self.angles_rad, (None,), "angles_rad")
-        ranges_m = frozen_array(self.ranges_m, angles_rad.shape, "ranges_m")
+        ranges_m = frozen_array(_quiet(self.ranges_m), angles_rad.shape, "ranges_m")
         check_stamped("scan", self.time_s, SE2.identity())
         if not (np.isfinite(angles_rad).all() and (np.diff(angles_rad) > 0.0).all()):
             raise ValueError("angles_rad must be finite and increase from beam to beam")
@@ -54,7 +54,8 @@ class LaserScan:
         object.__setattr__(self, "angles_rad", angles_rad)
         object.__setattr__(self, "ranges_m", ranges_m)
         if self.beam_times_s is not None:
-            beam_times_s = frozen_array(self.beam_times_s, angles_rad.shape, "beam_times_s")
+            times_s = _quiet(self.beam_times_s)
+            beam_times_s = frozen_array(times_s, angles_rad.shape, "beam_times_s")
             object.__setattr__(self, "beam_times_s", beam_times_s)
             self._mend_times(beam_times_s)
 
@@ -173,3 +174,10 @@ def _check_covariance(covariance: FloatArray) -> None:
         raise ValueError(
             f"motion_covariance must have no negative eigenvalue; the least of {values} is {least:.3g}"
         )
+
+
+def _quiet(values: ArrayLike) -> FloatArray:
+    """The same, each nan the usual one: those that signal make warnings of whatever they are asked."""
+    with np.errstate(invalid="ignore"):
+        array = np.asarray(values, dtype=np.float64)
+        return np.where(np.isnan(array), np.nan, array)

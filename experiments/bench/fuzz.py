@@ -16,7 +16,7 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from experiments.fuzzing.board import Board, Tally
+from experiments.fuzzing.board import RENEWED, Board, Tally
 from experiments.fuzzing.child import Task
 from experiments.fuzzing.targets import checked_targets
 from experiments.tables import wide_console
@@ -65,23 +65,22 @@ def fuzzed(target: str, seconds: float, inputs: int, seed: int, folder: Path) ->
             path.replace(folder / "corpus" / path.name)
         else:
             path.unlink()
-    result, deaths = Result(target), 0
+    result, deaths, begun = Result(target), 0, 0
     while (left_s := seconds - result.seconds) > _LEAST_S or result.seconds == 0.0:
         left = inputs - result.tally.inputs
         if left <= 0:
             break
-        task = Task(target, max(_LEAST_S, left_s), seed + deaths, str(folder), left)
-        if _has_ended_well(task, result):
-            break
-        deaths += 1
-        if deaths >= _MOST_DEATHS:
-            break  # found often enough
+        how = _ended(Task(target, max(_LEAST_S, left_s), seed + begun, str(folder), left), result)
+        begun, deaths = begun + 1, deaths + (how not in ("", "renewed"))
+        if not how or deaths >= _MOST_DEATHS:
+            break  # well, or found often enough
     result.found = sorted((folder / "found").glob("*.bin"))
     return result
 
 
-def _has_ended_well(task: Task, result: Result) -> bool:
-    """One process until it ends; that on which it died or hung is kept."""
+def _ended(task: Task, result: Result) -> str:
+    """How one process ended: "" well, "renewed" to be followed by another one, or a hang or death, and
+    on what it hung or died is kept."""
     folder = Path(task.folder)
     board = Board(folder / "board", is_new=True)
     said = folder / "said.txt"
@@ -110,6 +109,8 @@ def _has_ended_well(task: Task, result: Result) -> bool:
         raise RuntimeError(f"{task.target} cannot be fuzzed; {said} says why")
     result.seconds += time.monotonic() - (first_s or started_s)
     result.tally.add(tally)
+    if not how and status == RENEWED:
+        return "renewed"
     if not how and tally.since_s and status != 0:
         how = f"died-{abs(status)}"
     if how:
@@ -120,7 +121,7 @@ def _has_ended_well(task: Task, result: Result) -> bool:
             if path.read_bytes() == data:
                 path.unlink()  # the next process shall get past it
         kept.with_suffix(".txt").write_bytes(said.read_bytes()[-20_000:])
-    return not how
+    return how
 
 
 def _table(results: list[Result], minutes: float, inputs: int, seed: int) -> Table:

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 LONGEST_INPUT = 1 << 16
+RENEWED = 64
+"""Status of a process that ends well before its time, so that another one goes on with less memory."""
 _NUMBERS = struct.Struct("<QQddQQQ")
 _SIZE = _NUMBERS.size + LONGEST_INPUT
 
@@ -16,7 +18,7 @@ _SIZE = _NUMBERS.size + LONGEST_INPUT
 @dataclass
 class Tally:
     """inputs: done; refused: in the documented way; slowest_s: of one; since_s: when the one under way
-    began (monotonic), 0 where there is none; grown_kb: most memory above that before the first;
+    began (monotonic), 0 where there is none; grown_kb: most memory that one took;
     is_guided: by coverage; size: of the input under way."""
 
     inputs: int = 0

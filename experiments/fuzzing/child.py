@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import random
 import resource
 import sys
@@ -19,16 +20,20 @@ from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from experiments.fuzzing.board import LONGEST_INPUT, Board, Tally
+from experiments.fuzzing.board import LONGEST_INPUT, RENEWED, Board, Tally
 from experiments.fuzzing.files import check_refusal
 from experiments.fuzzing.mutations import mutated
 from experiments.fuzzing.targets import TARGETS, Reading, Target
+from experiments.memory import resident_mb
 
 _MORE_MB = 2_000
 """Address space beyond what the process has once all is loaded; chosen: four times the memory that an
 input may take, since allocators ask for more than they touch."""
 _MOST_GROWN_KB = 500_000
 """Chosen: maps of 16 million cells are read, and take 200 MB."""
+_MOST_LEFT_KB = 300_000
+"""Chosen: what atheris sees compared it keeps, 20 kB with each scan of a mapper, where the same
+without it keeps nothing; a process that holds so much more ends, and another one goes on."""
 _OWN_MUTATIONS = 0.7
 
 
@@ -55,11 +60,16 @@ class Trial:
         self._files, self._found = folder / "files", folder / "found"
         self.tally = Tally()
         self._known: dict[str, int] = {}
-        self._before_kb = _peak_kb()
+        self._first_kb = _held_kb()
+
+    @property
+    def is_worn(self) -> bool:
+        """Whether the process holds much that it did not when it began."""
+        return _held_kb() - self._first_kb > _MOST_LEFT_KB
 
     def arm(self) -> None:
         """Memory is counted, and limited, from here on."""
-        self._before_kb = _peak_kb()
+        self._first_kb = _held_kb()
         statm = Path("/proc/self/statm")
         if statm.exists():
             size = int(statm.read_text().split()[0]) * resource.getpagesize()
@@ -70,6 +80,7 @@ class Trial:
         data = data[:LONGEST_INPUT]
         tally = self.tally
         self._board.begin(tally, data)
+        peak_kb, held_kb = _peak_kb(), _held_kb()
         try:
             self._one(data)
         except Exception as error:  # noqa: BLE001 - whatever it is, it is what is looked for
@@ -77,7 +88,8 @@ class Trial:
         took_s = time.monotonic() - tally.since_s
         tally.inputs += 1
         tally.slowest_s = max(tally.slowest_s, took_s)
-        grown_kb = _peak_kb() - self._before_kb
+        # of what takes no more than another one before nobody knows how much
+        grown_kb = _peak_kb() - held_kb if _peak_kb() > peak_kb else 0
         if grown_kb > max(_MOST_GROWN_KB, tally.grown_kb):
             self._keep(data, MemoryError(f"{grown_kb / 1000:.0f} MB"))
         tally.grown_kb = max(tally.grown_kb, grown_kb)
@@ -108,6 +120,11 @@ class Trial:
         (self._found / f"{kind}.txt").write_text(told, encoding="utf-8", errors="replace")
 
 
+def _held_kb() -> int:
+    held_mb = resident_mb()
+    return _peak_kb() if held_mb is None else round(1000.0 * held_mb)
+
+
 def _peak_kb() -> int:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak // 1000 if sys.platform == "darwin" else peak
@@ -133,8 +150,14 @@ def main(task: Task) -> None:
     for data in seeds:  # valid ones: whatever is raised, nothing can be fuzzed with them
         read(data, folder / "files")
     trial.arm()
+
+    def one(data: bytes) -> None:
+        trial(data)
+        if trial.is_worn:
+            os._exit(RENEWED)  # libFuzzer lets nothing else end it
+
     seeds += [path.read_bytes() for path in sorted((folder / "corpus").glob("*-*.bin"))]
-    (_guided if is_guided else _unguided)(task, seeds, trial)
+    (_guided if is_guided else _unguided)(task, seeds, one)
 
 
 def _others(target: Target, packages: list[str]) -> list[str]:

@@ -47,6 +47,8 @@ STEP_PARAMETER = "laser_front_laser_resolution"
 """Of PARAM lines: degrees from beam to beam of FLASER."""
 
 _FULL_TURN_DEG = 360.0
+_LEAST_STEP_RAD = 1e-6
+"""Chosen: a thousandth of what lasers have; beams closer than that may point the same way."""
 _STAMPS = 3
 _ODOM_FIELDS = 10
 _POSES = 6
@@ -142,7 +144,7 @@ def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     ranges_m = np.array(numbers(fields[_HEAD : _HEAD + count], place))
     announced_m = NO_RETURN_SHARE * range_max_m if range_max_m > 0.0 else fan.range_max_m
     _mark(ranges_m, min(announced_m, fan.no_return_m))
-    angles_rad = _angles(count, first_rad, step_rad)
+    angles_rad = _fan(count, first_rad, step_rad, place)
     if not poses:
         return LaserLine(_stamp(time_s, place), angles_rad, ranges_m, None, None)
     of_base, of_laser = _pose(facts[8:], place), _pose(facts[5:8], place)
@@ -177,7 +179,7 @@ def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
     if first_rad is None:
         # looking ahead, as the usual ones do
         first_rad = -(count // 2) * step_rad if usual_deg is None else math.radians(usual_deg[0])
-    return _angles(count, first_rad, step_rad)
+    return _fan(count, first_rad, step_rad, place)
 
 
 def _told_step_deg(count: int, place: str, fan: Fan) -> float:
@@ -198,6 +200,16 @@ def _told_step_deg(count: int, place: str, fan: Fan) -> float:
             " has it, are no fan of 360 degrees at most"
         )
     return step_deg
+
+
+def _fan(count: int, first_rad: float, step_rad: float, place: str) -> FloatArray:
+    """(count,) directions that increase from beam to beam."""
+    if abs(first_rad) > 2.0 * math.pi or step_rad < _LEAST_STEP_RAD:
+        raise ValueError(
+            f"{place}: beams {step_rad:g} rad apart, the first at {first_rad:g} rad, are no fan;"
+            " expected directions within a turn"
+        )
+    return _angles(count, first_rad, step_rad)
 
 
 @lru_cache(maxsize=8)

@@ -11,7 +11,7 @@ from experiments.bench import fuzz
 from experiments.bench.fuzz import fuzzed
 from experiments.cli import main
 from experiments.fuzzing import child
-from experiments.fuzzing.board import Board, Tally
+from experiments.fuzzing.board import RENEWED, Board, Tally
 from experiments.fuzzing.child import Trial
 from experiments.fuzzing.mutations import mutated
 from experiments.fuzzing.targets import TARGETS, checked_targets
@@ -86,6 +86,43 @@ def test_memory_that_was_taken_before_is_not_counted(tmp_path, monkeypatch):
     assert tried("tum", tmp_path, 5, lambda data, folder: None, [b"1"])[1] == []
 
 
+def test_memory_is_counted_input_by_input(tmp_path, monkeypatch):
+    """What a little of each leaves is not laid on one of them."""
+    now = {"kb": 0, "peak": 0}
+    monkeypatch.setattr(child, "_held_kb", lambda: now["kb"])
+    monkeypatch.setattr(child, "_peak_kb", lambda: now["peak"])
+
+    def leave(data: bytes, folder: Path) -> None:
+        now["kb"] += child._MOST_GROWN_KB // 3
+        now["peak"] = now["kb"]
+
+    assert tried("tum", tmp_path, 5, leave, [b"1"])[1] == []
+
+    def take(data: bytes, folder: Path) -> None:
+        now["peak"] = now["kb"] + child._MOST_GROWN_KB + 1
+
+    (tmp_path / "more").mkdir()
+    found = tried("tum", tmp_path / "more", 1, take, [b"1"])[1]
+    assert [name.startswith("MemoryError-") for name in found] == [True]
+
+
+def test_process_that_holds_too_much_is_followed_by_another(tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "_MOST_LEFT_KB", -(10**9))
+    with monkeypatch.context() as patched:
+        left = []
+        patched.setattr(child.os, "_exit", left.append)
+        patched.setattr(child, "find_spec", lambda name: None)
+        patched.setattr(Trial, "arm", lambda self: None)
+        for one in ("files", "found", "corpus"):
+            (tmp_path / one).mkdir()
+        Board(tmp_path / "board", is_new=True)
+        child.main(child.Task("relations", 5.0, 0, str(tmp_path), 1))
+        assert left == [RENEWED]
+    _stands_in(monkeypatch, "board.write(Tally(inputs=7)); sys.exit(64)")
+    result = fuzzed("tum", 60.0, 20, 0, tmp_path)
+    assert (result.tally.inputs, result.found) == (21, [])
+
+
 def test_update_may_refuse_nothing(tmp_path):
     def read(data: bytes, folder: Path) -> None:
         raise ValueError("one line")
@@ -98,12 +135,22 @@ def test_update_may_refuse_nothing(tmp_path):
     [("import time; time.sleep(60)", "hang-"), ("import os; os.abort()", "died-6")],
 )
 def test_process_that_hangs_or_dies_leaves_its_input(tmp_path, monkeypatch, code, kind):
+    _stands_in(monkeypatch, f"board.begin(Tally(inputs=7), b'bad'); {code}")
+    monkeypatch.setattr(fuzz, "_HANG_S", 0.3)
+    monkeypatch.setattr(fuzz, "_MOST_DEATHS", 1)
+    result = fuzzed("tum", 1.0, 1000, 0, tmp_path)
+    assert [path.name.startswith(kind) for path in result.found] == [True]
+    assert result.found[0].read_bytes() == b"bad"
+    assert result.tally.inputs == 7
+
+
+def _stands_in(monkeypatch, code: str) -> None:
+    """In place of each process that fuzzes, one that does what the code says."""
     begun = (
         "import sys, json; from pathlib import Path;"
-        "from experiments.fuzzing.board import Board, Tally;"
+        "from experiments.fuzzing.board import RENEWED, Board, Tally;"
         "folder = Path(json.loads(sys.argv[-1])['folder']);"
-        "board = Board(folder / 'board', is_new=False);"
-        f"board.begin(Tally(inputs=7), b'bad'); {code}"
+        f"board = Board(folder / 'board', is_new=False); {code}"
     )
     usual = fuzz.subprocess.Popen
     monkeypatch.setattr(
@@ -111,12 +158,6 @@ def test_process_that_hangs_or_dies_leaves_its_input(tmp_path, monkeypatch, code
         "Popen",
         lambda arguments, **more: usual([sys.executable, "-c", begun, arguments[-1]], **more),
     )
-    monkeypatch.setattr(fuzz, "_HANG_S", 0.3)
-    monkeypatch.setattr(fuzz, "_MOST_DEATHS", 1)
-    result = fuzzed("tum", 1.0, 1000, 0, tmp_path)
-    assert [path.name.startswith(kind) for path in result.found] == [True]
-    assert result.found[0].read_bytes() == b"bad"
-    assert result.tally.inputs == 7
 
 
 def test_command_fuzzes_a_reader_and_says_how_much(tmp_path, capsys, monkeypatch):

@@ -146,6 +146,14 @@ def test_scans_alone_make_motions_of_which_nothing_is_known(tmp_path):
             "ROBOTLASER1 announces 5 ranges, which its 24 fields do not hold .*",
         ),
         (
+            raw_laser(1.0).replace("0.4 0.1 8.0", "0.4 1e-300 8.0"),
+            r"beams 1e-300 rad apart, the first at -0\.2 rad, are no fan; .*",
+        ),
+        (
+            raw_laser(1.0).replace("-0.2 0.4 0.1 8.0", "1e308 0.4 0.1 8.0"),
+            r"beams 0\.1 rad apart, the first at 1e\+308 rad, are no fan; .*",
+        ),
+        (
             raw_laser(1.0).replace("0.4 0.1 8.0", "0.4 0.2 8.0"),
             r"RAWLASER1 has 5 beams, 0\.2 rad apart, in a view of 0\.4 rad: they do not fit",
         ),

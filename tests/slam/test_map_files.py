@@ -100,6 +100,12 @@ def test_scale_is_in_proportion_between_the_thresholds(tmp_path):
     assert found == [100, 100, 67, round((128 / 255 - 0.2) / 0.6 * 100), 0, 0]
 
 
+def test_thresholds_may_be_next_to_each_other(tmp_path):
+    thresholds = {"occupied_thresh": "5e-324", "free_thresh": "0.0"}
+    with np.errstate(all="raise"):
+        assert values(tmp_path, grey(0, 254, 255), mode="scale", **thresholds) == [100, 100, 0]
+
+
 def test_raw_is_the_value_up_to_a_hundred(tmp_path):
     assert values(tmp_path, grey(0, 1, 99, 100, 101, 255), mode="raw") == [0, 1, 99, 100, -1, -1]
 

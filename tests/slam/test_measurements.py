@@ -57,6 +57,14 @@ def test_beam_without_a_time_is_one_of_which_nothing_is_known(bad_s):
     assert not scan.ranges_m.flags.writeable
 
 
+def test_nan_that_signals_is_one_that_does_not():
+    signal = np.frombuffer(b"\x01\x00\x00\x00\x00\x00\xf0\x7f", dtype=np.float64)[0]
+    ranges_m = np.array([1.0, signal, math.inf])
+    scan = LaserScan(0.0, np.arange(3.0), ranges_m, np.array([0.0, 0.0, signal]))
+    with np.errstate(invalid="raise"):
+        assert np.isnan(scan.ranges_m - 1.0).tolist() == [False, True, True]
+
+
 def test_times_of_which_none_is_one_are_not_known():
     scan = LaserScan(5.0, [0.0, 1.0], [2.0, 3.0], [np.nan, np.inf])
     assert scan.beam_times_s is None
