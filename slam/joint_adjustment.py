@@ -48,8 +48,8 @@ def jointly_adjusted(
 
     poses: (K, 3) on which steps and loops agree already. By turns, surfaces are learnt from the
     scans at their poses, and the poses solved for, with where each scan fits those surfaces as one
-    measurement more. Points and poses of a whole drive in one system of equations, as in bundle
-    adjustment, would end at the same place.
+    measurement more. Surfaces and poses in one system of equations, as in bundle adjustment, would
+    converge in a few rounds where these go on by little, as along the wall of a round room.
     """
     config = config or AdjustmentConfig()
     for _ in range(config.rounds if len(keyframes) > 1 else 0):
