@@ -114,7 +114,10 @@ class Beams:
         angles_rad[is_hit] += wrap_angle(seen_rad - angles_rad[is_hit])
         ranges_m[is_hit] = np.hypot(*ends_m.T)
         order = np.argsort(angles_rad, kind="stable")
-        return angles_rad[order], ranges_m[order]
+        angles_rad, ranges_m = angles_rad[order], ranges_m[order]
+        # as those of one origin: to numba that is a type, and kernels would be compiled twice
+        angles_rad.flags.writeable = ranges_m.flags.writeable = False
+        return angles_rad, ranges_m
 
     @property
     def is_hit(self) -> NDArray[np.bool_]:

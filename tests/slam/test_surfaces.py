@@ -145,6 +145,9 @@ def test_beams_fired_on_the_way_are_seen_from_their_middle():
     assert np.all(np.diff(view.angles_rad) >= 0.0)
     assert np.isfinite(view.ranges_m).sum() == np.isfinite(ranges).sum()
     assert off_points(view.faced(40.0)[:, :2], beams.points) < 1e-9
+    # as those of a scan at rest are: to numba that is another type, compiled anew in a trial
+    assert not view.angles_rad.flags.writeable
+    assert not view.ranges_m.flags.writeable
     glances = Glances()
     glances.take(SE2.identity(), beams)
     kept = glances.kept[0].view(SE2.identity())
