@@ -44,6 +44,7 @@ def test_each_benchmark_is_in_the_table(quick, tmp_path, capsys):
     assert "gone is not installed" in printed
 
 
+@pytest.mark.slow
 def test_a_log_is_mapped_beside_them(quick, tmp_path):
     out = tmp_path / "table.md"
     log = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"

@@ -100,6 +100,7 @@ def test_no_row_changes_what_the_others_are_given(row, clean):
     np.testing.assert_array_equal(before[1], trial.points_base)
 
 
+@pytest.mark.slow
 def test_missing_peers_are_left_out_and_named_with_what_to_install(
     box_room, monkeypatch, capsys, tmp_path
 ):

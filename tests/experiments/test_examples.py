@@ -21,6 +21,7 @@ def test_own_log_is_mapped_and_followed_from_an_unknown_start(capsys):
     assert "tracking" in said
 
 
+@pytest.mark.slow
 def test_own_log_that_is_none_is_told_in_one_line(tmp_path):
     junk = tmp_path / "robot.clf"
     junk.write_text("no log")

@@ -76,6 +76,7 @@ def test_round_room_has_no_lines_and_open3d_needs_none():
         assert outcomes["open3d"].is_success
 
 
+@pytest.mark.slow
 def test_open3d_is_within_millimetres_in_the_laboratory():
     config = TrialConfig(poses="random", methods=("odometry", "open3d"))
     for index in range(3):

@@ -123,6 +123,7 @@ def test_session_in_another_building_is_never_joined_and_said_to_be_so(first):
         Mapper.continued(slam_map, ring.T_BASE_LASER)
 
 
+@pytest.mark.slow
 def test_join_is_taken_back_when_the_scans_contradict_it(first):
     # the same corridor, and behind its corner another building
     walls = ring.RING.copy()

@@ -141,6 +141,7 @@ def without(measurements, first: int, last: int):
     return [*measurements[:first], joined, *measurements[last + 1 :]]
 
 
+@pytest.mark.slow
 def test_way_without_any_scan_is_by_the_wheels_alone_too(poses):
     told = ring.drive(poses, np.random.default_rng(2))
     found = mapped(without(told, 100, 160))
@@ -265,6 +266,7 @@ def test_door_that_was_opened_for_the_robot_is_no_wall():
     assert found.verdict.is_good
 
 
+@pytest.mark.slow
 def test_map_grows_with_what_is_seen_and_not_with_the_drive(tmp_path):
     poses = ring.way(2.5)
     mapper = Mapper(ring.T_BASE_LASER, MapperConfig(crowd=3))

@@ -268,6 +268,7 @@ def test_what_went_away_is_free_and_what_came_back_is_not():
     assert OccupancyGrid.of_scans(half, 0.1).value_at([[0.55, 0.05]]) >= 65
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 @example(89586)

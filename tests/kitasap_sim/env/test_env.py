@@ -558,6 +558,7 @@ def test_places_to_draw_from_may_come_one_by_one_and_headings_are_wrapped():
         np.testing.assert_allclose(info["pose_odometry"], info["pose_true"])
 
 
+@pytest.mark.slow
 def test_picture_is_drawn_anew_by_who_asks_for_it_though_another_thread_began_the_episode():
     envs = gymnasium.make_vec(IDS[0], 2, render_mode="rgb_array", max_episode_steps=2)
     envs.reset(seed=0)
