@@ -21,7 +21,7 @@ from typing import Any
 from experiments.provenance import commit
 
 OK, MISSING, BROKEN = "ok", "missing", "BROKEN"
-OPENGL_ASKED = "MUJOCO_GL"
+_OPENGL_ASKED = "MUJOCO_GL"
 """The variable by which MuJoCo is told how to draw; it loads what that names when it is imported."""
 _PROJECT = Path(__file__).parents[1]
 _MODULES = {
@@ -161,19 +161,19 @@ def _tried(name: str, code: str, mend: str) -> Check:
 
 def _rendering() -> Check:
     code = "from kitasap_sim.rendering import check_rendering\nprint(check_rendering())"
-    asked = os.environ.get(OPENGL_ASKED)
+    asked = os.environ.get(_OPENGL_ASKED)
     status, said = _in_process(code, as_asked=True)
     if status == 0:
-        words = said + (f", as {OPENGL_ASKED}={asked} asks" if asked else "")
+        words = said + (f", as {_OPENGL_ASKED}={asked} asks" if asked else "")
         return Check("pictures", "OpenGL", OK, words)
     if asked and _in_process("import mujoco", as_asked=True)[0] != 0:
-        words = f"MuJoCo cannot be loaded with {OPENGL_ASKED}={asked}: {said}"
-        return Check("pictures", "OpenGL", BROKEN, words, f"unset {OPENGL_ASKED}", True)
+        words = f"MuJoCo cannot be loaded with {_OPENGL_ASKED}={asked}: {said}"
+        return Check("pictures", "OpenGL", BROKEN, words, f"unset {_OPENGL_ASKED}", True)
     mend = "sudo apt-get install libegl1 libgl1"
     if asked:
-        mend = f"unset {OPENGL_ASKED}"
+        mend = f"unset {_OPENGL_ASKED}"
     elif os.environ.get("DISPLAY"):
-        mend = f"{OPENGL_ASKED}=egl kitasap ..., where the display cannot be drawn on"
+        mend = f"{_OPENGL_ASKED}=egl kitasap ..., where the display cannot be drawn on"
     return Check("pictures", "OpenGL", MISSING, said.partition("RenderingError: ")[2] or said, mend)
 
 
@@ -308,7 +308,7 @@ def _satisfies(found: str, line: str) -> bool:
 def _in_process(code: str, as_asked: bool = False) -> tuple[int, str]:
     """How a process ended that ran some code, and the last line that it said. as_asked: with the
     OpenGL that the environment asks for, without which MuJoCo may not load; otherwise with any."""
-    surroundings = {k: v for k, v in os.environ.items() if as_asked or k != OPENGL_ASKED}
+    surroundings = {k: v for k, v in os.environ.items() if as_asked or k != _OPENGL_ASKED}
     path = os.pathsep.join(filter(None, (str(_PROJECT), os.environ.get("PYTHONPATH"))))
     try:
         done = subprocess.run(

@@ -26,7 +26,9 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
     """The figure as one `svg` element, and closes it. The same figure and key give the same text.
 
     key: of letters, digits and hyphens, another for each figure of a page: it goes before all ids.
-    alt: what is to be seen, in words. Its property --wide is how wide a page may show it.
+    alt: what is to be seen, in words.
+
+    The element's property --wide is how wide a page may show it, in pixels.
     """
     for axis in figure.axes:
         for artist in axis.get_children():
@@ -47,8 +49,8 @@ def inline_svg(figure: Figure, key: str, alt: str) -> str:
     wide_px = round(_MOST_SCALE * float(view[1]))
     opening = (
         f'<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-        f' {view[0]} style="--wide: {wide_px}px" role="img" aria-labelledby="{key}-title"><title id="{key}-title">'
-        f"{escape(alt)}</title>"
+        f' {view[0]} style="--wide: {wide_px}px" role="img" aria-labelledby="{key}-title">'
+        f'<title id="{key}-title">{escape(alt)}</title>'
     )
     return opening + re.sub(r"\n\s*", "\n", body[body.index(">") + 1 :]).strip()
 
