@@ -51,7 +51,8 @@ class LostSearch:
 
     def look_in_steps(self, look: Look, *, is_motion_known: bool = True) -> Steps[Judgement]:
         """The places once more, by this scan too, a piece at a time; tracking as soon as one is sure."""
-        since_s, limits = self.begin(look.time_s), self._usual.limits(look.beams)
+        since_s = self.begin(look.time_s)
+        limits = yield from self._usual.limits_in_steps(look.beams)
         places = yield from self.hypotheses.look_in_steps(
             look.beams, is_motion_known=is_motion_known
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from slam.beams import Beams
 from slam.evidence import Evidence
+from slam.in_steps import Steps, all_at_once
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
 from slam.verdict_limits import VerdictLimits
@@ -47,11 +48,15 @@ class UsualFit:
 
     def limits(self, beams: Beams) -> VerdictLimits:
         """What is usual on this map for the laser, by the largest of its scans so far."""
+        return all_at_once(self.limits_in_steps(beams))
+
+    def limits_in_steps(self, beams: Beams) -> Steps[VerdictLimits]:
+        """The same, a piece at a time."""
         count, view_rad = self._learnt_of
         sees_rad = float(np.ptp(beams.angles_rad)) if len(beams) else 0.0
         is_larger = len(beams) > _LARGER * count or sees_rad > _LARGER * view_rad
         if self._limits is None or is_larger:
-            self._limits = VerdictLimits.usual_for(self._relocalizer, beams)
+            self._limits = yield from VerdictLimits.usual_in_steps(self._relocalizer, beams)
             self._learnt_of = len(beams), sees_rad
         return self._limits
 

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from slam.beams import Beams
+from slam.in_steps import Steps, all_at_once
 from slam.kernels.beam_search import reach_of
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
@@ -18,6 +19,8 @@ _FEWEST = 3
 _LEG_M = 0.06
 _STRIDE_M = 0.25
 """A person in the way: two legs of this radius, so far apart."""
+_VIRTUAL_SCAN = 6
+"""What one costs, in looks: see `Steps`."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,15 @@ class VerdictLimits:
 
         Its fan is rounded before, so that the numbers do not depend on which scan comes first.
         """
+        return all_at_once(VerdictLimits.usual_in_steps(relocalizer, beams))
+
+    @staticmethod
+    def usual_in_steps(relocalizer: Relocalizer, beams: Beams) -> Steps[VerdictLimits]:
+        """The same, a piece at a time: it takes half a second, where it is found for the first time."""
         fan = _Fan.of(beams)
         known = _KNOWN.setdefault(relocalizer, {})
         if fan not in known:
-            known[fan] = VerdictLimits.calibrated(relocalizer, fan.beams())
+            known[fan] = yield from VerdictLimits._learnt(relocalizer, fan.beams())
         return known[fan]
 
     @staticmethod
@@ -54,6 +62,10 @@ class VerdictLimits:
         map says, and people in the way. The same numbers at each call. Of fewer than three beams,
         which fit anywhere or nowhere, it learns nothing.
         """
+        return all_at_once(VerdictLimits._learnt(relocalizer, beams, people))
+
+    @staticmethod
+    def _learnt(relocalizer: Relocalizer, beams: Beams, people: int = 3) -> Steps[VerdictLimits]:
         if len(beams) < _FEWEST:
             return _UNKNOWN
         rng = np.random.default_rng(0)
@@ -61,6 +73,7 @@ class VerdictLimits:
         right, violations, wrong, unexplained = [], [], [], []
         last: Beams | None = None
         for T_map_base in places:
+            yield _VIRTUAL_SCAN
             scan = virtual_scan(relocalizer, beams, T_map_base, rng, people)
             if np.count_nonzero(scan.is_hit) < 0.1 * len(scan):
                 continue

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam import relocalization
+from slam import relocalization, verdict_limits
 from slam.evidence import evidence_of
 from slam.loop_closing import LoopCloser
 from slam.mapper_config import MapperConfig
@@ -19,7 +19,7 @@ from slam.se2 import SE2
 from slam.session_joining import JoiningConfig
 from slam.slam_map import SlamMap
 from slam.slam_map_files import read_slam_map, write_slam_map
-from slam.verdict_limits import VerdictLimits
+from slam.verdict_limits import _VIRTUAL_SCAN, VerdictLimits, virtual_scan
 from tests.slam import ring
 from tests.slam.synthetic import box, room
 
@@ -229,7 +229,7 @@ def test_no_scan_of_a_session_waits_for_what_is_usual_on_the_map_or_for_all_loop
     # both took most of 0.8 s on the map of half of intel
     mapper, asked = Mapper.continued(first, ring.T_BASE_LASER), list[int]()
     found = LoopCloser.found
-    monkeypatch.setattr(VerdictLimits, "calibrated", None)
+    monkeypatch.setattr(VerdictLimits, "_learnt", None)
     monkeypatch.setattr(
         LoopCloser,
         "found",
@@ -238,3 +238,24 @@ def test_no_scan_of_a_session_waits_for_what_is_usual_on_the_map_or_for_all_loop
     steps = [mapper.update(one) for one in ring.drive(SECOND, np.random.default_rng(1))]
     assert steps[-1].is_joined
     assert max(asked) == 3
+
+
+def test_no_scan_of_another_laser_waits_for_what_is_usual_for_it(first, monkeypatch):
+    # of the laser of the map it is learnt before; of half its beams it took 0.6 s of the first update
+    counts = [0]
+
+    def counted(*told):
+        counts[-1] += 1
+        return virtual_scan(*told)
+
+    monkeypatch.setattr(verdict_limits, "virtual_scan", counted)
+    mapper = Mapper.continued(first, ring.T_BASE_LASER)
+    learnt_before, steps = counts.pop(), []
+    for one in ring.drive(SECOND, np.random.default_rng(1)):
+        counts.append(0)
+        angles_rad, ranges_m = one.scan.angles_rad[::2], one.scan.ranges_m[::2]
+        scan = replace(one.scan, angles_rad=angles_rad, ranges_m=ranges_m)
+        steps.append(mapper.update(replace(one, scan=scan)))
+    assert steps[-1].is_joined
+    assert sum(counts) == learnt_before > 100
+    assert max(counts) <= 1 + JoiningConfig().work // _VIRTUAL_SCAN
