@@ -118,7 +118,9 @@ class Bag:
 
     def listed(self) -> str:
         """In words, what topics there are."""
-        named = [f"{t.name} {t.type.replace('/msg/', '/')} ({t.count})" for t in self.topics]
+        named = [
+            f"{t.name:.60} {t.type.replace('/msg/', '/'):.60} ({t.count})" for t in self.topics
+        ]
         more = f" and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
         return f"it has: {', '.join(named[:MOST_NAMED])}{more}" if named else "it has no topics"
 
@@ -172,7 +174,7 @@ class _Types:
             )
             if one.digest and one.digest != ours:
                 raise _NotOfRosError(
-                    f"{one.topic} says to be {type_name}, but with the hash {one.digest} it is"
+                    f"{one.topic} says to be {type_name}, but with the hash {one.digest!r:.80} it is"
                     f" another type than ROS's, {ours}"
                 )
 

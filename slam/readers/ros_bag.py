@@ -107,11 +107,11 @@ def _sources(bag: Bag, choice: LogChoice) -> tuple[_Sources, list[str]]:
         odom, base = _odometry_frames(transforms, laser)
         odometry = odometry or next((t for t in bag.topics if t.type == TF and odom), None)
         if odom is None and choice.odom_topic is not None:
-            raise ValueError(f"{bag.name}: above {laser} {choice.odom_topic} has no frame odom")
+            raise ValueError(f"{bag.name}: above {laser:.60} {choice.odom_topic} has no frame odom")
     mounting = _mounting(bag, choice, transforms, base, laser, odometry)
-    by = f"the transform of {base} in {odom}" if odom else odometry and odometry.name
+    by = f"the transform of {base:.60} in {odom:.60}" if odom else odometry and odometry.name
     said = f"odometry of {by}" if by else "no odometry: the scans alone tell the motion"
-    notes.append(f"scans of {scans.name}, {said}; {laser} on {base}: {mounting}")
+    notes.append(f"scans of {scans.name}, {said}; {laser:.60} on {base:.60}: {mounting}")
     name = None if odometry is None else odometry.name
     return _Sources(bag, scans.name, name, odom, base, mounting), notes
 
@@ -192,9 +192,9 @@ def _mounting(
                 return mounting
     except ValueError as error:
         raise ValueError(f"{bag.name}: {error}; or give --mount") from error
-    frames = ", ".join(transforms.frames[:MOST_NAMED]) or "none"
+    frames = ", ".join(f"{frame:.60}" for frame in transforms.frames[:MOST_NAMED]) or "none"
     raise ValueError(
-        f"{bag.name}: no transform from {base or 'the robot'} to {laser}, where"
+        f"{bag.name}: no transform from {base or 'the robot':.60} to {laser:.60}, where"
         f" {'scans' if odometry is None else odometry.name} would need it (frames in its tf:"
         f" {frames}); give --mount X Y HEADING of the laser on the robot"
     )

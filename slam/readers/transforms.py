@@ -108,10 +108,12 @@ class Transforms:
         for frame in line:
             edge = self._edges[frame]
             if edge.is_damaged:
-                raise ValueError(f"the transform of {frame} in {edge.parent} is not one of a body")
+                raise ValueError(
+                    f"the transform of {frame:.60} in {edge.parent:.60} is not one of a body"
+                )
             if edge.moves:
                 raise ValueError(
-                    f"{frame} moves in {edge.parent} by up to {edge.off_m:.2f} m and"
+                    f"{frame:.60} moves in {edge.parent:.60} by up to {edge.off_m:.2f} m and"
                     f" {math.degrees(edge.off_rad):.0f} degrees, and the laser with it; expected a"
                     " laser that is fixed to the robot"
                 )
@@ -120,8 +122,9 @@ class Transforms:
 
 
 def frame_name(name: str) -> str:
-    """As ROS 2 writes it; ROS 1 had a slash in front."""
-    return name.lstrip("/")
+    """As ROS 2 writes it; ROS 1 had a slash in front. What no screen shows is written as in code."""
+    bare = name.lstrip("/")
+    return bare if bare.isprintable() else repr(bare)[1:-1]
 
 
 def planar(position: Any, orientation: Any) -> SE2 | None:
@@ -136,7 +139,7 @@ def _level(T: FloatArray, base: str, laser: str) -> Mounting:
     if abs(T[2, 2]) < _MOST_TILT:
         tilt_deg = math.degrees(math.acos(min(abs(float(T[2, 2])), 1.0)))
         raise ValueError(
-            f"{laser} leans by {tilt_deg:.0f} degrees on {base}; expected a laser whose beams are"
+            f"{laser:.60} leans by {tilt_deg:.0f} degrees on {base:.60}; expected a laser whose beams are"
             " level, upright or upside down"
         )
     pose = SE2(T[0, 3], T[1, 3], math.atan2(T[1, 0], T[0, 0]))

@@ -225,3 +225,18 @@ def test_bag_without_a_scan_says_what_it_has(tmp_path, monkeypatch):
     write_bag(tmp_path / "b", Recording(duration_s=0.3))
     said = refused(tmp_path / "b")
     assert "no sensor_msgs/msg/LaserScan, so no scan to work with; it has: /odom nav_msgs" in said
+
+
+def test_hash_with_a_line_in_it_is_told_in_one_line(tmp_path, whole):
+    # 94810edda583a504dfda3829e70d7eec is that of tf2_msgs/TFMessage
+    path = tmp_path / "b.bag"
+    path.write_bytes(whole["bag"].replace(b"94810edda583a504", b"94810ed\na583a504"))
+    assert r"with the hash '94810ed\na583a504dfda3829e70d7eec' it is another type" in refused(path)
+
+
+def test_frame_that_no_screen_shows_or_that_fills_one_is_told_in_a_line(tmp_path):
+    frames = Frames(has_static=False, laser="scan\r\n" + 2000 * "r")
+    write_bag(tmp_path / "b", Recording(duration_s=0.3), frames=frames)
+    said = refused(tmp_path / "b")
+    assert r"no transform from base_footprint to scan\r\nrrrr" in said
+    assert len(said) < 400
