@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numba import njit
+from numpy.typing import NDArray
 
 
 def _kept(**options: Any) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -31,3 +32,11 @@ compiled = _kept(error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 # For sums over many points, taken several at a time: three times as fast; their order depends on
 # the machine's width. No nan may come in.
 compiled_vectorised = _kept(error_model="numpy", fastmath=True)
+
+
+@compiled
+def copy_into(source: NDArray[Any], target: NDArray[Any]) -> None:
+    """The numbers of an array into another one of its shape; written with [:], or as a row, that takes
+    two or three seconds to compile."""
+    for i in range(source.size):
+        target.flat[i] = source.flat[i]

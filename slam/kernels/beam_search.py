@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
-from slam.kernels import compiled
+from slam.kernels import compiled, copy_into
 from slam.kernels.beam_likelihood import (
     OFFSET_CROSS,
     OFFSET_INFORMATION,
@@ -24,7 +24,7 @@ from slam.kernels.edges import (
     smoothed,
 )
 from slam.kernels.mixed_pixels import mixing_shares
-from slam.kernels.normal_equations import inverted, moved, solved
+from slam.kernels.normal_equations import inverted, moved, solved, variance_along
 from slam.kernels.ray_casting import cast_fan, to_base
 from slam.kernels.smooth_beams import keep_smooth, look_smooth
 
@@ -247,12 +247,15 @@ def sharpen(
     share = min(max(share, _LEAST_SHARE), 1.0)
     information *= share
     sums[OFFSET_INFORMATION] *= share
-    sums[OFFSET_CROSS : OFFSET_CROSS + 3] *= share
+    for j in range(3):
+        sums[OFFSET_CROSS + j] *= share
     # smooth beams are straight over the uncertainty: one step is all they need
     solved(information, pull, step)
     moved(pose, step)
     _pull_offset(sums, step)
-    smooth_pose[:], smooth_information[:], smooth_sums[:] = pose, information, sums
+    copy_into(pose, smooth_pose)
+    copy_into(information, smooth_information)
+    copy_into(sums, smooth_sums)
     moments[:] = 0.0
     to_base(map_vertices, pose[0], pose[1], pose[2], vertices)
     edges = np.empty(count, dtype=np.int64)
@@ -277,7 +280,7 @@ def sharpen(
             ux, uy = directions[i, 0], directions[i, 1]
             axes[e, 0], axes[e, 1] = -uy, ux
             axes[e, 2] = distances[e] + origins[i, 0] * ux + origins[i, 1] * uy
-            sigma = math.sqrt(axes[e] @ (covariance @ axes[e]))
+            sigma = math.sqrt(variance_along(axes[e], covariance))
             for k in range(nodes.shape[0]):
                 shifts[e, k] = sigma * nodes[k]
         ranges_beside(vertices, walls, edges, origins, directions, shifts, is_due, reach, ranges)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import BoolArray, IntArray
-from slam.kernels import compiled
+from slam.kernels import compiled, copy_into
 
 _CHUNK = 8
 _EVERY_HEADING = 4
@@ -190,7 +190,7 @@ def best_of_blocks(
                     # the best on top of the stack
                     slot = depth
                     while slot > first and stack[slot - 1, 3] > value:
-                        stack[slot] = stack[slot - 1]
+                        copy_into(stack[slot - 1], stack[slot])
                         slot -= 1
                     stack[slot, 0], stack[slot, 1] = cr, cc
                     stack[slot, 2], stack[slot, 3] = level - 1, value

@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
-from slam.kernels import compiled
+from slam.kernels import compiled, copy_into
 from slam.kernels.beam_likelihood import bell, sigma_at
 from slam.kernels.mixed_pixels import density_beside
-from slam.kernels.normal_equations import covariance_into, inverted
+from slam.kernels.normal_equations import covariance_into, inverted, variance_along
 
 _ABSENT = 0.05
 """Chosen: one thing in twenty on the map has been moved since; then the beam sees what is behind."""
@@ -102,7 +102,7 @@ def propagate(
     total_pull, carried = np.zeros(3), np.zeros(3)
     mean[:] = 0.0
     if not covariance_into(information, covariance):
-        covariance[:] = inverted(information)
+        copy_into(inverted(information), covariance)
     for _ in range(sweeps):
         for e in range(count):
             a0, a1, a2 = axes[e, 0], axes[e, 1], axes[e, 2]
@@ -154,7 +154,7 @@ def propagate(
     # with single precisions below zero the rest of the information may be left with none
     told = agreed = 0.0
     for e in range(count):
-        variance = axes[e] @ (covariance @ axes[e])
+        variance = variance_along(axes[e], covariance)
         agreed += precisions[e] * variance
         told += (precisions[e] - doubts[e]) * variance
     if agreed > 0.0:

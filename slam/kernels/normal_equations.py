@@ -103,6 +103,16 @@ def widest(information: FloatArray) -> tuple[float, float]:
 
 
 @compiled
+def variance_along(axis: FloatArray, covariance: FloatArray) -> float:
+    """Of a linear function of the pose with gradient axis (3,): axis @ covariance @ axis."""
+    variance = 0.0
+    for j in range(3):
+        for k in range(3):
+            variance += axis[j] * covariance[j, k] * axis[k]
+    return variance
+
+
+@compiled
 def inverted(information: FloatArray) -> FloatArray:
     """(3, 3) inverse of an information matrix; directions without information get a metre, a radian."""
     covariance = np.empty((3, 3))

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
-from slam.kernels import compiled
+from slam.kernels import compiled, copy_into
 
 _TOUCH = 1e-9
 """Share of a wall's length by which it is taken to be longer, so that no beam slips between two."""
@@ -316,10 +316,10 @@ def visible_part(
             v = walls[w, end]
             if renamed[v] < 0:
                 renamed[v] = used
-                part_vertices[used] = map_vertices[v]
+                copy_into(map_vertices[v], part_vertices[used])
                 used += 1
             part[k, end] = renamed[v]
-        part_normals[k] = normals[w]
+        copy_into(normals[w], part_normals[k])
         part_sigmas[k] = sigmas[w]
         k += 1
     return part_vertices[:used].copy(), part, part_normals, part_sigmas
