@@ -21,7 +21,7 @@ from experiments.known_maps import LogConfig, points_of_scans
 from experiments.outputs import remove_leftovers
 from experiments.protocols import DEFAULT_METHOD, REAL_LOG_FILES
 from experiments.trial_log import write_atomically
-from slam.arrays import FloatArray
+from slam.arrays import BoolArray, FloatArray
 from slam.icp import CoarseToFineConfig
 from slam.known_map import KnownMap
 from slam.localization import Estimate, Localizer
@@ -77,20 +77,35 @@ class RealLogResult:
             np.array([estimate.T_map_base.as_array() for estimate in self.estimates]),
         )
 
+    @property
+    def is_told(self) -> BoolArray:
+        """(N,) whether the scan was called unsure or lost."""
+        return np.array([not estimate.is_matched for estimate in self.estimates], dtype=bool)
+
+    @property
+    def is_believed_wrongly(self) -> BoolArray:
+        """(N,) whether its pose was believed, far off the reference."""
+        position_m, heading_rad = self._errors()
+        is_off = (position_m > LOST_POSITION_M) | (heading_rad > LOST_HEADING_RAD)
+        return ~self.is_told & is_off
+
+    def _errors(self) -> tuple[FloatArray, FloatArray]:
+        """(N,) how far [m] and how much turned [rad] each is off the reference."""
+        errors = np.abs(pose_errors(self.trajectory().poses, self.reference))
+        return np.hypot(errors[:, 0], errors[:, 1]), errors[:, 2]
+
     def summary(self) -> dict[str, Any]:
         """Counts, and the errors against the reference over all scans, matched or not."""
-        errors = np.abs(pose_errors(self.trajectory().poses, self.reference))
-        position_m, heading_rad = np.hypot(errors[:, 0], errors[:, 1]), errors[:, 2]
-        matched = np.array([estimate.is_matched for estimate in self.estimates])
-        is_off = (position_m > LOST_POSITION_M) | (heading_rad > LOST_HEADING_RAD)
+        position_m, heading_rad = self._errors()
+        is_told, is_believed_wrongly = self.is_told, self.is_believed_wrongly
         return {
             "experiment": "real_logs",
             "log": self.name,
             "method": self.config.method,
             "scans": len(self.estimates),
-            "tracked": int(np.sum(matched & ~is_off)),
-            "lost_said": int(np.sum(~matched)),
-            "lost_silently": int(np.sum(matched & is_off)),
+            "tracked": int(np.sum(~is_told & ~is_believed_wrongly)),
+            "lost_said": int(np.sum(is_told)),
+            "lost_silently": int(np.sum(is_believed_wrongly)),
             "position_error_m": _percentiles(position_m),
             "heading_error_deg": _percentiles(np.degrees(heading_rad)),
             "map_points": len(self.map_points),
@@ -191,7 +206,7 @@ def table(summary: dict[str, Any]) -> str:
         [
             f"{summary['log']}: {summary['scans']} odd scans on the map of the even ones"
             f" ({summary['map_points']} points), method {summary['method']}",
-            f"  tracked {summary['tracked']}, lost and said so {summary['lost_said']},"
+            f"  tracked {summary['tracked']}, unsure or lost, and said so, {summary['lost_said']},"
             f" lost silently {summary['lost_silently']}",
             "  error against the reference   median      p95      max",
             f"    position [m]             {_columns(position)}",

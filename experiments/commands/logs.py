@@ -45,7 +45,11 @@ def real_log(
     ] = None,
     seed: Seed = 0,
 ) -> None:
-    """Maps a recorded log from reference poses of some of its scans, localises the others."""
+    """Maps a recorded log from reference poses of some of its scans, localises the others.
+
+    Ends with status 1 where a scan was not tracked, or, with a protocol whose start is unknown, a wrong
+    place was believed.
+    """
     checked_beside_runs(out)
     if jumps is not None and protocol != "jumps":
         raise ValueError(f"--jumps changes nothing of {protocol}: it is of --protocol jumps")

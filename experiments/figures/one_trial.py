@@ -43,9 +43,12 @@ def trial_picture(
 def _search_figure(config: TrialConfig, result: TrialResult, index: int) -> Any:
     names = [name for name in config.methods if len(result.outcomes[name].match.history) > 0]
     names = names or list(config.methods[:1])
-    # one panel alone is as wide as the title, and as much higher
-    size_in = (5.2 * len(names), 6.2) if len(names) > 1 else (7.0, 7.8)
-    figure, axes = plt.subplots(1, len(names), figsize=size_in, squeeze=False, layout="constrained")
+    # one panel alone is as wide as the title
+    wide_in = 5.2 if len(names) > 1 else 7.0
+    figure, axes = plt.subplots(
+        1, len(names), figsize=(wide_in * len(names), _high_in(config.known_place, wide_in)),
+        squeeze=False, layout="compressed",
+    )  # fmt: skip
     for axis, name in zip(axes[0], names, strict=True):
         _draw_search(axis, config, result, name)
     figure.suptitle(
@@ -54,6 +57,13 @@ def _search_figure(config: TrialConfig, result: TrialResult, index: int) -> Any:
     )
     legend_below(figure, axes[0][0], ncols=min(4, 2 * len(names)))
     return figure
+
+
+def _high_in(known: KnownPlace, wide_in: float) -> float:
+    """How high [in] panels of the place are that are so wide, with titles and legend."""
+    lower, upper = known.place.bounds_m
+    ratio = float((upper[1] - lower[1]) / (upper[0] - lower[0]))
+    return wide_in * min(max(ratio, 0.4), 1.5) + 1.4
 
 
 def _draw_search(axis: Axes, config: TrialConfig, result: TrialResult, name: str) -> None:

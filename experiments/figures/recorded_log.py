@@ -3,10 +3,11 @@
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 
 from experiments.figures.canvas import COLOURS, plain, saved
 from experiments.real_logs import RealLogResult
+
+_WIDTH_IN = 9.0
 
 
 def real_log_picture(folder: Path, result: RealLogResult) -> Path:
@@ -14,17 +15,25 @@ def real_log_picture(folder: Path, result: RealLogResult) -> Path:
 
     Writes `localization.png` and `.svg` into the folder.
     """
-    figure, axis = plt.subplots(figsize=(9, 8), layout="constrained")
+    low, high = result.map_points.min(axis=0), result.map_points.max(axis=0)
+    ratio = float(min(max((high[1] - low[1]) / max(high[0] - low[0], 1e-9), 0.4), 1.3))
+    size_in = (_WIDTH_IN, _WIDTH_IN * ratio + 1.0)
+    figure, axis = plt.subplots(figsize=size_in, layout="compressed")
     axis.plot(*result.map_points.T, ".", ms=1, color="#666666", label="map of the even scans")
     axis.plot(*result.reference[:, :2].T, "-", lw=1, color="#2ca02c", label="reference")
-    matched = np.array([estimate.is_matched for estimate in result.estimates])
     positions = result.trajectory().poses[:, :2]
-    axis.plot(*positions[matched].T, ".", ms=4, color=COLOURS["open3d"], label="odd scans, found")
-    if not matched.all():
-        axis.plot(*positions[~matched].T, "x", ms=6, color=COLOURS["paper"], label="lost, said so")
+    is_told, is_believed_wrongly = result.is_told, result.is_believed_wrongly
+    is_found = ~(is_told | is_believed_wrongly)
+    for chosen, mark, size, colour, words in (
+        (is_found, ".", 4, COLOURS["open3d"], "odd scans, found"),
+        (is_told, "x", 6, COLOURS["fast"], "unsure or lost, and said so"),
+        (is_believed_wrongly, "*", 10, COLOURS["paper"], "wrong, and believed"),
+    ):
+        if chosen.any():
+            axis.plot(*positions[chosen].T, mark, ms=size, color=colour, label=words)
     axis.set(
         xlabel="x [m]", ylabel="y [m]", title=f"{plain(result.name)}, method {result.config.method}"
     )
     axis.set_aspect("equal")
-    axis.legend(loc="best", markerscale=2)
+    axis.legend(loc="best")
     return saved(figure, folder / "localization")

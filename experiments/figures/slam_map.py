@@ -30,7 +30,7 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
         known = grid.centres_of(np.argwhere(grid.cells != UNKNOWN))
     low, high = known.min(axis=0) - _MARGIN_M, known.max(axis=0) + _MARGIN_M
     ratio = min(max((high - low)[1] / (high - low)[0], 0.4), 1.3)
-    figure, axes = plt.subplots(figsize=(_WIDTH_IN, _WIDTH_IN * ratio + 1.2), layout="constrained")
+    figure, axes = plt.subplots(figsize=(_WIDTH_IN, _WIDTH_IN * ratio + 0.6), layout="compressed")
     if grid is None:
         axes.plot(*slam_map.points.T, ".", color="#333333", ms=2.0, mew=0.0, rasterized=True)
     else:
@@ -63,9 +63,10 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
 
 def _draw_loops(axes: Axes, result: SlamLog) -> None:
     poses = result.slam_map.poses
-    for loops, colour, words in (
-        (result.slam_map.loops, "#00913a", "loops"),
-        (result.slam_map.rejected, "#d62728", "rejected"),
+    # neither is a colour of the way, from dark blue over green to yellow; those rejected are few
+    for loops, colour, width, words in (
+        (result.slam_map.loops, "#e377c2", 0.5, "loops"),
+        (result.slam_map.rejected, "#d62728", 1.6, "rejected"),
     ):
         if not loops:
             continue
@@ -76,5 +77,7 @@ def _draw_loops(axes: Axes, result: SlamLog) -> None:
             )
             for loop in loops
         ]
-        axes.add_collection(LineCollection(list(np.array(ends)), colors=colour, lw=0.5, alpha=0.5))
+        axes.add_collection(
+            LineCollection(list(np.array(ends)), colors=colour, lw=width, alpha=0.5 + width / 4.0)
+        )
         axes.plot([], [], color=colour, label=f"{words}: {len(loops)}")

@@ -22,6 +22,7 @@ from experiments.figures import (
     trial_picture,
 )
 from experiments.figures.against_bound import _within_heading, _within_position
+from experiments.figures.one_trial import _search_figure
 from experiments.figures.over_time import _aligned
 from experiments.figures.paper_scatter import scatter_drawn
 from experiments.kidnap import run_trial
@@ -252,6 +253,23 @@ def test_kidnap_picture_tells_truth_from_belief(tmp_path, quick_config):
         "robot at (2): pose found",
     ):
         assert f"<!-- {words} -->" in svg
+
+
+def test_titles_of_a_high_place_stand_apart(quick_config, monkeypatch):
+    # in one of 60 m by 56 m the title stood on that of the middle panel
+    result = run_trial(quick_config, generator("kidnap", 0, 0))
+    known, bounds_m = quick_config.known_place, np.array([[0.0, 0.0], [3.0, 4.5]])
+    monkeypatch.setattr(type(known.place), "bounds_m", property(lambda _: bounds_m))
+    methods = ("limit", "fast", "open3d")
+    outcomes = dict.fromkeys(methods, next(iter(result.outcomes.values())))
+    scans = dict.fromkeys(methods, next(iter(result.last_scans.values())))
+    result = replace(result, outcomes=outcomes, last_scans=scans)
+    figure = _search_figure(replace(quick_config, methods=methods), result, 0)
+    figure.draw_without_rendering()
+    title = figure._suptitle.get_window_extent()
+    assert not any(title.overlaps(axis.title.get_window_extent()) for axis in figure.axes)
+    legend = figure.legends[0].get_window_extent()
+    assert not any(legend.overlaps(axis.get_tightbbox()) for axis in figure.axes)
 
 
 @pytest.mark.slow

@@ -1,13 +1,17 @@
 """Real logs: the odd scans found on the map of the even ones, end to end."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from experiments.figures import real_log_picture
 from experiments.real_logs import main, run, table
 from slam.readers.carmen import read_carmen
+from slam.scan_match import MatchStatus, ScanMatch
+from slam.se2 import SE2
 from slam.trajectory import read_tum
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
@@ -42,6 +46,23 @@ def test_motion_over_passed_scans_is_kept(tmp_path):
     first, second = result.estimates[:2]
     motion = first.T_map_base.inverse() @ second.T_predicted
     np.testing.assert_allclose(motion.as_array(), log_motion.as_array(), atol=1e-9)
+
+
+def test_picture_tells_what_was_disowned_from_what_was_believed_and_wrong(tmp_path):
+    result = run(EXCERPT[0], REFERENCE)
+    open_ = replace(result.estimates[2], match=ScanMatch(SE2.identity(), MatchStatus.DEGENERATE))
+    off = result.reference.copy()
+    off[5, 0] += 1.0
+    estimates = (*result.estimates[:2], open_, *result.estimates[3:])
+    odd = replace(result, estimates=estimates, reference=off)
+    assert np.flatnonzero(odd.is_told).tolist() == [2]
+    assert np.flatnonzero(odd.is_believed_wrongly).tolist() == [5]
+    assert "tracked 8, unsure or lost, and said so, 1, lost silently 1" in table(odd.summary())
+    words = {"unsure or lost, and said so", "wrong, and believed"}
+    for one, told in ((odd, words), (result, set())):
+        real_log_picture(tmp_path, one)
+        svg = (tmp_path / "localization.svg").read_text()
+        assert {text for text in words if f"<!-- {text} -->" in svg} == told
 
 
 @pytest.mark.slow
