@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.se2 import FARTHEST_M
+from slam.text_fields import numbers
 from slam.trajectory import Trajectory, read_tum, rows_of_numbers
 from slam.whole_files import write_whole
 
@@ -41,11 +42,7 @@ def read_kitti(path: str | Path) -> Trajectory:
         place = f"{path.name} line {number}"
         if len(fields) != _NUMBERS:
             raise ValueError(f"{place}: expected {_NUMBERS} numbers, found {len(fields)}")
-        try:
-            matrix = np.array([float(field) for field in fields]).reshape(3, 4)
-        except ValueError as error:
-            raise ValueError(f"{place}: {error}") from error
-        rows.append(_pose(matrix, place))
+        rows.append(_pose(np.array(numbers(fields, place)).reshape(3, 4), place))
     return Trajectory(np.arange(float(len(rows))), np.array(rows).reshape(-1, 3))
 
 

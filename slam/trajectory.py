@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray, frozen_array
 from slam.se2 import FARTHEST_M, wrap_angle
+from slam.text_fields import finite_numbers
 from slam.whole_files import write_whole
 
 _UNIT_TOLERANCE = 0.01
@@ -119,13 +120,7 @@ def rows_of_numbers(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
 def _tum_row(fields: list[str], place: str) -> tuple[float, float, float, float]:
     if len(fields) != 8:
         raise ValueError(f"{place}: expected 8 numbers, found {len(fields)}")
-    try:
-        values = [float(field) for field in fields]
-    except ValueError as error:
-        raise ValueError(f"{place}: {error}") from error
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"{place}: a number is not finite")
-    time_s, x, y, _, qx, qy, qz, qw = values
+    time_s, x, y, _, qx, qy, qz, qw = finite_numbers(fields, place)
     if max(abs(x), abs(y)) > FARTHEST_M:
         raise ValueError(f"{place}: at {x:g} {y:g}; expected metres, none beyond {FARTHEST_M:g}")
     if abs(qx * qx + qy * qy + qz * qz + qw * qw - 1.0) > _UNIT_TOLERANCE:

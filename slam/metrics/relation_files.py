@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
 
 from slam.metrics.relations import Relations
+from slam.text_fields import finite_numbers
 from slam.whole_files import write_whole
 
 _HEADER = "# timestamp1 timestamp2 x y z roll pitch yaw"
@@ -55,10 +55,4 @@ def _row(fields: list[str], place: str) -> list[float]:
             f"{place}: a relation has {_FIELDS} numbers, t1 t2 x y z roll pitch yaw,"
             f" found {len(fields)}"
         )
-    try:
-        values = [float(field) for field in fields]
-    except ValueError as error:
-        raise ValueError(f"{place}: {error}") from error
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"{place}: a number is not finite")
-    return values
+    return finite_numbers(fields, place)

@@ -10,7 +10,6 @@ that a file cut short is told from a whole one, and the kernel of the edges that
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +17,15 @@ import numpy as np
 from slam.pose_graph.graph import PoseGraph
 from slam.pose_graph.robust import EdgeKernel
 from slam.se2 import SE2
+from slam.text_fields import finite_numbers
 from slam.whole_files import write_whole
 
 _HEADER = "# kitasap pose graph, version 1:"
 _KERNEL = "# kernel"
 _SIZES = {"VERTEX_SE2": 4, "EDGE_SE2": 11}
 _UPPER = np.triu_indices(3)
+_LONGEST_NUMBER = 18
+"""Letters: a vertex' number is of 64 bits."""
 
 
 def write_g2o(path: str | Path, graph: PoseGraph) -> None:
@@ -78,7 +80,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
             continue
         if tag not in _SIZES:
             raise ValueError(
-                f"{place}: expected VERTEX_SE2, EDGE_SE2 or FIX, found {tag[:40]}: "
+                f"{place}: expected VERTEX_SE2, EDGE_SE2 or FIX, found {tag!r:.60}: "
                 "only pose graphs in the plane can be read"
             )
         if len(fields) - 1 != _SIZES[tag]:
@@ -87,10 +89,10 @@ def read_g2o(path: str | Path) -> PoseGraph:
             name = _whole(fields[1], place)
             if name in vertices:
                 raise ValueError(f"{place}: a second vertex {name}")
-            vertices[name] = SE2(*_reals(fields[2:], place))
+            vertices[name] = SE2(*finite_numbers(fields[2:], place))
             continue
         i, j = _whole(fields[1], place), _whole(fields[2], place)
-        values = _reals(fields[3:], place)
+        values = finite_numbers(fields[3:], place)
         information = np.zeros((3, 3))
         information[_UPPER] = values[3:]
         information.T[_UPPER] = values[3:]
@@ -132,11 +134,11 @@ def _check_whole(file: str, text: str, node_count: int, edge_count: int) -> None
     if not first.startswith("# kitasap"):
         return
     if not first.startswith(_HEADER):
-        raise ValueError(f"{file}: expected '{_HEADER} ...', found '{first[:60]}'")
+        raise ValueError(f"{file}: expected '{_HEADER} ...', found {first!r:.60}")
     found = f"{_HEADER} {node_count} nodes, {edge_count} edges"
     if first != found or not text.endswith("\n"):
         raise ValueError(
-            f"{file}: cut short: {first.removeprefix(_HEADER).strip()} promised, "
+            f"{file}: cut short: {first.removeprefix(_HEADER).strip()!r:.60} promised, "
             f"{node_count} nodes, {edge_count} edges found"
         )
 
@@ -147,24 +149,16 @@ def _kernel(line: str, place: str) -> EdgeKernel:
         return EdgeKernel[name]
     except KeyError:
         known = ", ".join(kernel.name for kernel in EdgeKernel)
-        raise ValueError(f"{place}: expected a kernel of {known}, found {name!r}") from None
+        raise ValueError(f"{place}: expected a kernel of {known}, found {name!r:.60}") from None
 
 
 def _whole(field: str, place: str) -> int:
     try:
-        return int(field)
+        if len(field) <= _LONGEST_NUMBER:
+            return int(field)
     except ValueError:
-        raise ValueError(f"{place}: expected the number of a vertex, found {field!r}") from None
-
-
-def _reals(fields: list[str], place: str) -> list[float]:
-    try:
-        values = [float(field) for field in fields]
-    except ValueError as error:
-        raise ValueError(f"{place}: {error}") from error
-    if not all(map(math.isfinite, values)):
-        raise ValueError(f"{place}: a number is not finite")
-    return values
+        pass
+    raise ValueError(f"{place}: expected the number of a vertex, found {field!r:.60}")
 
 
 def _numbers(values: np.ndarray) -> str:

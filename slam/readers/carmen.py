@@ -21,7 +21,7 @@ from slam.readers.carmen_lines import (
     laser_of,
     odometry_of,
 )
-from slam.readers.lines import numbers, text_lines
+from slam.readers.lines import text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.log_odometry import (
     USUAL_NOISE,
@@ -31,6 +31,7 @@ from slam.readers.log_odometry import (
 )
 from slam.readers.no_return import NoReturnSearch
 from slam.se2 import SE2
+from slam.text_fields import numbers
 
 _LOG_DECIMALS = 6
 _MOUNTING_TOLERANCE = 1e-3

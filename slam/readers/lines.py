@@ -35,14 +35,6 @@ def text_lines(path: Path, kind: str) -> Iterator[tuple[int, str]]:
         ) from error
 
 
-def numbers(fields: list[str], place: str) -> list[float]:
-    """The fields as numbers. Raises ValueError that starts with the place where one is none."""
-    try:
-        return [float(field) for field in fields]
-    except ValueError as error:
-        raise ValueError(f"{place}: {error}") from error
-
-
 def _opened(path: Path) -> gzip.GzipFile:
     """The file as a stream of lines; told from its first bytes, since names lie."""
     with path.open("rb") as file:

@@ -18,11 +18,12 @@ import numpy as np
 from slam.arrays import BoolArray, FloatArray
 from slam.measurements import LATEST_S, LaserScan
 from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
-from slam.readers.lines import numbers, text_lines
+from slam.readers.lines import text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.sweep_clock import rhythm
 from slam.se2 import FARTHEST_M, SE2
+from slam.text_fields import numbers
 
 FIRST_RANGE = 24
 """The field where the ranges begin."""

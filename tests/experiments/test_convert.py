@@ -143,7 +143,7 @@ def test_evaluate_and_evo_say_the_same_of_kitti(tmp_path):
         ("2 0 0 0 0 1 0 0 0 0 1 0", "are no rotation"),
         ("1 0 0 0 0 0 1 0 0 -1 0 0", "z does not point up"),
         ("1 0 0 1e9 0 1 0 0 0 0 1 0", "none beyond 1e+08"),
-        ("1 0 0 0 0 1 0 0 0 0 1 x", "could not convert"),
+        ("1 0 0 0 0 1 0 0 0 0 1 x", "expected a number"),
     ],
 )
 def test_kitti_line_that_is_none_is_named(tmp_path, line, said):

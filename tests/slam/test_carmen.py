@@ -191,7 +191,7 @@ GOOD = flaser(RANGES, SE2.identity(), 1.0)
         ("FLASER", "FLASER announces no number of ranges, found 0"),
         ("FLASER 1.", r"FLASER announces 1\. ranges, found 0"),
         ("ODOM 1.0 2.0 0.", "ODOM has 10 fields, found 4"),
-        (GOOD.replace("180 1.0", "180 1.0x"), "could not convert string to float: '1.0x'"),
+        (GOOD.replace("180 1.0", "180 1.0x"), "expected a number, found '1.0x'"),
         (odom(math.nan, 0.0, 0.0, 1.0), "a pose or a stamp is not finite"),
         (odom(1e300, 0.0, 0.0, 1.0), r"a pose of 1e\+300 0 0; expected metres and radians, .*"),
         (flaser(RANGES, SE2(0.0, -1e9, 0.0), 1.0), r"a pose of 0 -1e\+09 0; expected metres .*"),

@@ -131,7 +131,7 @@ def test_relations_survive_the_file(tmp_path):
     [
         (b"# only a comment\n", "no relation in it, lines of timestamp1 timestamp2 x y"),
         (b"# head\n1 2 0 0 0 0 0 0\n1 2 0 0\n", r"line 3: a relation has 8 numbers, .*, found 4$"),
-        (b"1 2 x 0 0 0 0 0\n", r"line 1: could not convert string to float: 'x'$"),
+        (b"1 2 x 0 0 0 0 0\n", r"line 1: expected a number, found 'x'$"),
         (b"1 2 nan 0 0 0 0 0\n", r"line 1: a number is not finite$"),
         (b"\x1f\x8b\xff\x00", "binary, not a file of relations"),
     ],

@@ -79,7 +79,7 @@ def test_another_robot_is_told_by_its_config(tmp_path):
     [
         (line(1, 0, 0)[:-9], "line 3: a line of ticks and ranges has 30 fields, found 28"),
         ("1 2 3", "line 3: a line of ticks and ranges has 30 fields, found 3"),
-        (line(1, 0, 0).replace("5599", "x"), "line 3: could not convert string to float: 'x'"),
+        (line(1, 0, 0).replace("5599", "x"), "line 3: expected a number, found 'x'"),
         (line(1, 0, 0).replace("5599", "nan"), "line 3: a stamp, ticks or a range are not finite"),
         (line(1, 0, 10**13), r"line 3: 1 us, and ticks 0 and 10000000000000; expected no stamp .*"),
         (line(10**300, 0, 0), r"line 3: 10+ us, and ticks 0 and 0; expected no stamp beyond .*"),

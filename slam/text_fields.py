@@ -1,0 +1,36 @@
+"""Numbers in a line of a text file of strangers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+_SHOWN = 40
+"""Letters of what is none."""
+
+
+def numbers(fields: Sequence[str], place: str) -> list[float]:
+    """The fields as numbers. Raises ValueError that starts with the place where one is none."""
+    try:
+        return [float(field) for field in fields]
+    except ValueError:
+        bad = next(field for field in fields if not _is_number(field))
+        more = "..." if len(bad) > _SHOWN else ""
+        said = f"{place}: expected a number, found {bad[:_SHOWN]!r}{more}"
+        raise ValueError(said) from None
+
+
+def finite_numbers(fields: Sequence[str], place: str) -> list[float]:
+    """The same; raises ValueError for inf and nan as well."""
+    found = numbers(fields, place)
+    if not all(map(math.isfinite, found)):
+        raise ValueError(f"{place}: a number is not finite")
+    return found
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
