@@ -48,6 +48,10 @@ _FARTHEST_M = 10_000.0
 """Chosen: a town; MuJoCo calls positions unstable that are far beyond."""
 
 
+class NoRoomError(ValueError):
+    """No start is told, and nowhere within walls is there room for the robot."""
+
+
 class Place:
     """One MJCF world: a name out of `place_names()`, or the path of any MJCF file.
 
@@ -333,8 +337,8 @@ class Place:
             left, is_first = left & ~room, False
         raise self._no_room()
 
-    def _no_room(self) -> ValueError:
-        return ValueError(
+    def _no_room(self) -> NoRoomError:
+        return NoRoomError(
             f"place {self.name} has no site '{names.START}', and no spot was found within its"
             f" walls with {KITASAP2.radius_m} m of room around it: add the site (are the walls"
             " closed?)"

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from slam.arrays import FloatArray, frozen_array
 from slam.se2 import FARTHEST_M, wrap_angle
 from slam.text_fields import finite_numbers
-from slam.whole_files import write_whole
+from slam.whole_files import read_text, write_whole
 
 _UNIT_TOLERANCE = 0.01
 TUM_HEADER = "# time_s x y z qx qy qz qw"
@@ -107,11 +107,7 @@ def read_tum(path: str | Path) -> Trajectory:
 def rows_of_numbers(path: Path, what: str) -> Iterator[tuple[int, list[str]]]:
     """Number and fields of each line that has any, comments left out. Raises ValueError, by what the
     file should be, if it is no text."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name}: binary, not {what}") from error
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(read_text(path, what).splitlines(), start=1):
         fields = line.split("#", maxsplit=1)[0].split()
         if fields:
             yield number, fields

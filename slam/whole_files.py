@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import BinaryIO
 
 _PART_BYTES = 1 << 20
 
@@ -22,6 +23,28 @@ def write_whole(path: Path, content: bytes) -> None:
         unfinished.unlink(missing_ok=True)
 
 
+def opened(path: Path) -> BinaryIO:
+    """A file, to be read.
+
+    Raises ValueError that names it for a pipe or a device, on which one would wait for ever; OSError
+    when it cannot be opened.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise ValueError(f"{path.name}: a pipe or a device; expected a file")
+    return path.open("rb")
+
+
+def read_text(path: Path, what: str) -> str:
+    """A file's text, in UTF-8. Raises ValueError, by what the file should be, where it is none;
+    OSError when it cannot be opened."""
+    with opened(path) as file:
+        content = file.read()
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path.name}: binary, not {what}") from error
+
+
 def read_at_most(path: Path, most_bytes: int) -> bytes:
     """All of a file, which is no longer than that.
 
@@ -29,7 +52,7 @@ def read_at_most(path: Path, most_bytes: int) -> bytes:
     opened.
     """
     content = bytearray()
-    with path.open("rb") as file:
+    with opened(path) as file:
         # a part at a time: memory for all that may be read would be taken at once
         while len(content) <= most_bytes and (part := file.read(_PART_BYTES)):
             content += part

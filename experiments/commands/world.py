@@ -85,7 +85,7 @@ def from_plan(
     from experiments.plan_files import read_plan
 
     floor_plan = read_plan(plan)
-    _write_solids(out, plan, floor_plan.solids(), floor_plan.start)
+    _write_solids(out, plan, floor_plan.solids(), floor_plan.start, "an entry start in it")
 
 
 def from_houseexpo(
@@ -105,10 +105,10 @@ def from_houseexpo(
         blocks = found.blocks(height)
     except ValueError as error:
         raise ValueError(f"{house.name}: {error}") from None
+    at = None if T_start is None else (T_start.x, T_start.y, T_start.theta)
+    _write_solids(out, house, blocks, at, "--start X Y HEADING")
     if found.rooms is not None:
         print(f"{house.stem}: {found.rooms} rooms")
-    at = None if T_start is None else (T_start.x, T_start.y, T_start.theta)
-    _write_solids(out, house, blocks, at)
 
 
 app.command("from-map")(from_map)
@@ -121,19 +121,36 @@ def _write_solids(
     source: Path,
     solids: "Sequence[Block | Pillar]",
     start: tuple[float, float, float] | None,
+    told_by: str,
 ) -> None:
-    """Writes the place that solids make, if the robot can stand in it."""
+    """Writes the place that solids make, if the robot can stand in it. told_by: what tells a start."""
     import mujoco
 
     from kitasap_sim.built_places import place_mjcf
-    from kitasap_sim.places import Place
+    from kitasap_sim.places import NoRoomError, Place
+    from kitasap_sim.robot import KITASAP2
 
     made = f"Made of {source.name}."
+    if start is not None:
+        bare = Place.of_mjcf(
+            mujoco.MjSpec.from_string(place_mjcf(source.stem, made, solids, None)), out.stem
+        )
+        (left, low), (right, high) = bare.bounds_m
+        if not (left < start[0] < right and low < start[1] < high):
+            raise ValueError(
+                f"{source.name}: its start ({start[0]:.2f}, {start[1]:.2f}) lies outside of all walls,"
+                f" which are in x from {left:.2f} to {right:.2f}, in y from {low:.2f} to {high:.2f}"
+            )
     try:
         mjcf = place_mjcf(source.stem, made, solids, start)
         place = Place.of_mjcf(mujoco.MjSpec.from_string(mjcf), out.stem)
         free_m2 = len(place.free_centres_m) * place.free_cell_m**2
         x, y, heading = place.start.tolist()
+    except NoRoomError:
+        raise ValueError(
+            f"{source.name}: nowhere within its walls are {KITASAP2.radius_m} m of room around the"
+            f" robot: are they closed? Or tell where it starts, by {told_by}"
+        ) from None
     except ValueError as error:
         raise ValueError(f"{source.name}: {error}") from None
     _write(out, place_mjcf(source.stem, made, solids, (x, y, heading)))

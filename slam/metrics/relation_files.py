@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.metrics.relations import Relations
 from slam.text_fields import finite_numbers
-from slam.whole_files import write_whole
+from slam.whole_files import read_text, write_whole
 
 _HEADER = "# timestamp1 timestamp2 x y z roll pitch yaw"
 _FIELDS = 8
@@ -20,11 +20,7 @@ def read_relations(path: str | Path) -> Relations:
     Raises ValueError, one line that names the file and the line, OSError when it cannot be opened.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name}: binary, not a file of relations") from error
-    rows = []
+    text, rows = read_text(path, "a file of relations"), []
     for number, line in enumerate(text.splitlines(), start=1):
         fields = line.split("#", maxsplit=1)[0].split()
         if fields:

@@ -18,7 +18,7 @@ from slam.pose_graph.graph import PoseGraph
 from slam.pose_graph.robust import EdgeKernel
 from slam.se2 import SE2
 from slam.text_fields import finite_numbers
-from slam.whole_files import write_whole
+from slam.whole_files import read_text, write_whole
 
 _HEADER = "# kitasap pose graph, version 1:"
 _KERNEL = "# kernel"
@@ -58,10 +58,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
     when the file cannot be opened.
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name}: binary, not a g2o pose graph") from error
+    text = read_text(path, "a g2o pose graph")
     lines = text.splitlines()
     vertices: dict[int, SE2] = {}
     fixed: set[int] = set()

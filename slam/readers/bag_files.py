@@ -28,6 +28,8 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from slam.whole_files import opened
+
 if sys.version_info >= (3, 14):
     from compression import zstd
 else:
@@ -131,7 +133,7 @@ class Bag:
     def _opened(self, path: Path) -> Iterator[_Reader]:
         """A file of the bag; whatever its reader says of it becomes one line."""
         name = self.name if path.name == self.name else f"{self.name}: {path.name}"
-        with path.open("rb") as file:
+        with opened(path) as file:
             start = file.read(16)
         kind = _kind(start)
         if kind is None:
@@ -253,7 +255,7 @@ def _metadata(folder: Path) -> dict[str, Any]:
             f"{folder.name}: a folder without metadata.yaml is no ROS 2 bag; "
             + (f"give one of its files: {found}" if found else "nor does it hold a bag's file")
         )
-    with path.open("rb") as file:
+    with opened(path) as file:
         content = file.read(_LARGEST_METADATA + 1)
     if len(content) > _LARGEST_METADATA:
         raise ValueError(f"{folder.name}: metadata.yaml is larger than {_LARGEST_METADATA} bytes")

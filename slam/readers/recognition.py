@@ -10,6 +10,7 @@ from slam.readers.carmen_lines import KEYWORDS
 from slam.readers.lines import text_lines
 from slam.readers.log import Log, LogChoice
 from slam.readers.ticks import FIRST_RANGE, TicksConfig, read_ticks
+from slam.whole_files import opened
 
 _LINES_LOOKED_AT = 1000
 """Chosen: logs begin with comments and parameters, at most some hundred."""
@@ -56,7 +57,7 @@ def _is_bag(path: Path) -> bool:
     """Whether a path is a bag, or called one: a folder, or a file that begins or ends like one."""
     if path.is_dir() or path.suffix in _BAG_SUFFIXES:
         return path.exists()
-    with path.open("rb") as file:
+    with opened(path) as file:
         return file.read(16).startswith(_BAG_MAGICS)
 
 

@@ -100,7 +100,15 @@ def test_the_robot_stands_and_sees_in_a_place_of_a_plan(tmp_path):
         (SQUARE_PLAN + "cylinders: [{at: [1, 1], radius: x}]", "cylinders 1: radius takes numbers"),
         (SQUARE_PLAN + "start: {at: [0, 1]}", "place plan: its start (0.00, 1.00) has less than"),
         (SQUARE_PLAN + "start: [1, 1]", "start is given by keys (at, heading), not by ['1', '1']"),
-        ("walls: [{line: [[0, 0], [1, 0]]}]", "place plan has no site 'start', and no spot was"),
+        (
+            "walls: [{line: [[0, 0], [1, 0]]}]",
+            "nowhere within its walls are 0.3 m of room around the robot: are they closed? Or tell"
+            " where it starts, by an entry start in it",
+        ),
+        (
+            SQUARE_PLAN + "start: {at: [50, 50]}",
+            "its start (50.00, 50.00) lies outside of all walls, which are in x from -0.0",
+        ),
         ("height: 0.05\n" + SQUARE_PLAN, "height takes numbers from 0.5 to 10"),
     ],
 )
@@ -170,10 +178,14 @@ def test_slanted_walls_become_small_steps(tmp_path):
         ({"verts": [[0, 0], [1, 0], [1, "1"]]}, "verts must be points [x, y] in metres"),
         ({"verts": [[0, 0], [1, 0], [1, 1, 1]]}, "verts must be points [x, y] in metres"),
         ({"verts": [[0, 0], [1, 0], [1, 10**400]]}, "verts must be points [x, y] in metres"),
-        ({"verts": [[0, 0], [1, 1], [2, 2], [0, 0]]}, "place house has no "),
+        ({"verts": [[0, 0], [1, 1], [2, 2], [0, 0]]}, "nowhere within its walls"),
         ({"verts": [[1, 1], [1, 1], [1, 1]]}, "verts enclose no floor"),
         ({"verts": [[0, 0], [250, 1], [1, 250]]}, "its walls are too long and too slanted"),
-        ({"verts": [[0, 0], [0.5, 0], [0.5, 0.5], [0, 0.5]]}, "place house has no site 'start'"),
+        (
+            {"verts": [[0, 0], [0.5, 0], [0.5, 0.5], [0, 0.5]], "room_num": 2},
+            "nowhere within its walls are 0.3 m of room around the robot: are they closed? Or tell"
+            " where it starts, by --start X Y HEADING",
+        ),
     ],
 )
 def test_houses_that_are_none_are_refused(tmp_path, capsys, house, said):

@@ -2,15 +2,22 @@
 
 import gzip
 import math
+import os
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from slam.map_files import read_map
+from slam.metrics import read_relations
+from slam.pose_graph import read_g2o
 from slam.readers.carmen import CarmenConfig, read_carmen
+from slam.readers.lines import text_lines
 from slam.readers.log import MotionSinceScan
+from slam.readers.recognition import read_log
 from slam.se2 import SE2
+from slam.trajectory import read_tum
 from tests.slam.logs import shared_log
 
 EXCERPT = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
@@ -221,6 +228,23 @@ def test_cut_gzip_is_refused(tmp_path):
         ) as caught:
             read_carmen(tmp_path / "a.gz")
         assert "\n" not in str(caught.value)
+
+
+def test_gzip_of_a_thousand_times_its_size_is_refused_before_it_is_read(tmp_path):
+    line = b"ODOM 0 0 0 0 0 0 1 h 1\n"
+    (tmp_path / "a.gz").write_bytes(gzip.compress(line * 1_000_000))
+    with pytest.raises(ValueError, match=r"^a.gz: unpacks to more than 200 times its size"):
+        list(text_lines(tmp_path / "a.gz", "a CARMEN log"))
+    # as many lines as they are, not packed, are read
+    (tmp_path / "a.clf").write_bytes(line * 200_000)
+    assert sum(1 for _ in text_lines(tmp_path / "a.clf", "a CARMEN log")) == 200_000
+
+
+@pytest.mark.parametrize("read", [read_log, read_tum, read_g2o, read_relations, read_map])
+def test_pipe_is_refused_and_not_waited_for(tmp_path, read):
+    os.mkfifo(tmp_path / "a.yaml")
+    with pytest.raises(ValueError, match=r"^a.yaml: a pipe or a device; expected a file$"):
+        read(tmp_path / "a.yaml")
 
 
 def test_damaged_gzip_is_refused(tmp_path):
