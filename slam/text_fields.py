@@ -14,7 +14,7 @@ def numbers(fields: Sequence[str], place: str) -> list[float]:
     try:
         return [float(field) for field in fields]
     except ValueError:
-        bad = next(field for field in fields if not _is_number(field))
+        bad = next(field for field in fields if not is_number(field))
         more = "..." if len(bad) > _SHOWN else ""
         said = f"{place}: expected a number, found {bad[:_SHOWN]!r}{more}"
         raise ValueError(said) from None
@@ -28,7 +28,8 @@ def finite_numbers(fields: Sequence[str], place: str) -> list[float]:
     return found
 
 
-def _is_number(field: str) -> bool:
+def is_number(field: str) -> bool:
+    """Whether a field is a number, be it inf or nan."""
     try:
         float(field)
     except ValueError:

@@ -10,6 +10,7 @@ from slam.readers.carmen_lines import KEYWORDS
 from slam.readers.lines import text_lines
 from slam.readers.log import Log, LogChoice
 from slam.readers.ticks import FIRST_RANGE, TicksConfig, read_ticks
+from slam.text_fields import is_number
 from slam.whole_files import opened
 
 _LINES_LOOKED_AT = 1000
@@ -39,7 +40,7 @@ def read_log(path: str | Path, choice: LogChoice | None = None) -> Log:
             _check_has_no_topics(path, choice)
             return read_carmen(path, CarmenConfig(T_base_laser=T_base_laser))
         if fields and not fields[0].startswith("#"):
-            if len(fields) > FIRST_RANGE and all(map(_is_number, fields)):
+            if len(fields) > FIRST_RANGE and all(map(is_number, fields)):
                 _check_has_no_topics(path, choice)
                 config = TicksConfig()
                 return read_ticks(
@@ -77,11 +78,3 @@ def _check_has_no_topics(path: Path, choice: LogChoice) -> None:
         raise ValueError(
             f"{path.name}: --scan-topic and --odom-topic are of ROS bags, and this is none"
         )
-
-
-def _is_number(field: str) -> bool:
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return True
