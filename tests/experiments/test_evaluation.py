@@ -182,6 +182,7 @@ def statistics_by(program: str, folder: Path, *arguments: str) -> dict[str, floa
     return told
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (PROGRAMS / "evo_ape").exists(), reason="evo is not installed")
 def test_evo_says_the_same(tmp_path):
     rng = np.random.default_rng(0)

@@ -106,6 +106,7 @@ def test_false_alarms_are_as_rare_as_stated(is_paired):
     assert found <= 10
 
 
+@pytest.mark.slow
 def test_errors_half_as_large_again_are_found_in_three_hundred_trials():
     rng = np.random.default_rng(5)
     old = made_run(rng, 300)

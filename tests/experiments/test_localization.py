@@ -38,6 +38,7 @@ def matched(
     return match, float(np.hypot(*error[:2]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "pose", "offset"), HARD_STARTS)
 def test_open3d_finds_back_from_the_hard_starts(place, pose, offset):
     known = TrialConfig(place=place).known_place

@@ -149,6 +149,7 @@ def test_the_start_is_in_the_house_though_its_walls_are_larger(tmp_path):
     assert (0 < x < 1.2 and 0 < y < 9) or (0 < y < 1.2 and 0 < x < 9)
 
 
+@pytest.mark.slow
 def test_slanted_walls_become_small_steps(tmp_path):
     turned = math.radians(20)
     rotation = np.array(

@@ -37,12 +37,14 @@ def test_goto_baseline_reaches_the_goals_of_five_rooms_and_touches_nothing():
     assert not any(info["collision"] for info in infos)
 
 
+@pytest.mark.slow
 def test_goto_baseline_finds_the_goal_though_its_odometry_drifts():
     # tires 2 % unlike turn the odometry by half a radian on 8 m; the scans hold it
     info = driven("GoTo", 3, place="place_fig6", wheel_radii=(-0.01, 0.01))
     assert info["is_success"]
 
 
+@pytest.mark.slow
 def test_explore_baseline_sees_the_room():
     assert driven("Explore", 2, place="random", difficulty=0.5)["is_success"]
 

@@ -118,6 +118,7 @@ def test_a_place_mapped_shows_the_robot_where_methods_place_it_and_their_maps_in
     assert len(points.content) > 100
 
 
+@pytest.mark.slow
 def test_a_mapped_log_shows_scans_and_the_map_and_writes_the_same(rerun, mapped, tmp_path, capsys):
     recording = str(tmp_path / "slam.rrd")
     assert main(["slam", "--rerun", recording, str(LOG), "--out", str(tmp_path / "out")]) == 0
@@ -133,6 +134,7 @@ def test_a_mapped_log_shows_scans_and_the_map_and_writes_the_same(rerun, mapped,
     assert len(rerun.of("odometry/base")) == 20
 
 
+@pytest.mark.slow
 def test_reference_poses_are_shown_where_the_trajectory_fits_them(rerun, tmp_path):
     stream = ["--rerun", str(tmp_path / "slam.rrd")]
     main(["slam", str(LOG), "--reference", str(REFERENCE), "--out", str(tmp_path), *stream])

@@ -71,6 +71,7 @@ def test_one_trial_again_prints_its_line_of_the_log(tmp_path, run_trials, box_ro
     assert (folder / "trial_2.png").read_bytes()[:4] == b"\x89PNG"
 
 
+@pytest.mark.slow
 def test_seeds_and_indices_make_different_trials(tmp_path, run_trials):
     assert run_trials(tmp_path / "a", 2, ["--seed", "0"]) == 0
     assert run_trials(tmp_path / "b", 2, ["--seed", "1"]) == 0
@@ -215,6 +216,7 @@ def test_summary_and_config_have_the_keys_that_scripts_read(
     assert (line["experiment"], line["config"]) == (experiment, config["config_hash"])
 
 
+@pytest.mark.slow
 def test_kidnap_summary_tells_how_long_a_search_takes(tmp_path, quick_config):
     summary = execute(Run("kidnap", quick_config, 0, 2, tmp_path))
     timings = map(json.loads, (tmp_path / "timings.jsonl").read_text().splitlines())

@@ -187,6 +187,7 @@ def policy_run(env, seed):
     return rewards, info
 
 
+@pytest.mark.slow
 def test_policy_becomes_certain_and_right_in_the_symmetric_room():
     env = BeliefReward(relocalize())
     lengths = []

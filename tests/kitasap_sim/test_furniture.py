@@ -132,6 +132,7 @@ def test_a_piece_is_pushed_only_where_there_is_room(place_file):
         place.pushed("stool", 0.9, np.random.default_rng(0))  # onto the robot's start
 
 
+@pytest.mark.slow
 def test_people_and_the_hand_mind_what_was_moved():
     moved = Simulation(
         "room_fig4", None, rng=np.random.default_rng(0), people=2, moved_m={"table": (1.0, 0.8)}

@@ -57,6 +57,7 @@ def test_people_keep_clear_of_a_robot_that_drives_among_them():
     assert min(gaps_m) > 0.4 > ROBOT_RADIUS_M + LEG_RADIUS_M
 
 
+@pytest.mark.slow
 def test_people_walk_at_a_strolls_speed_one_foot_still_while_the_other_swings(box_room):
     simulation = crowded("room_fig4", None)
     legs, _ = walked(simulation, 30.0, every_s=0.01)

@@ -121,6 +121,7 @@ def test_motors_have_a_torque_limit(open_floor, make):
     assert np.abs(simulation.data.actuator_force).max() == 3.5
 
 
+@pytest.mark.slow
 def test_bumps_scatter_the_rough_floor_and_equal_seeds_give_equal_floors(box_room, make):
     def end(seed):
         simulation = make(box_room, laser=None, odometry="rough_floor", seed=seed)

@@ -107,6 +107,7 @@ def test_errors_are_as_large_as_the_covariance_says():
     np.testing.assert_allclose(np.mean(spreads, axis=0), 1.0, atol=0.1)
 
 
+@pytest.mark.slow
 def test_covariance_widens_where_matches_are_worse_than_promised():
     measurements, matcher = drive(BOTH_WAYS, np.random.default_rng(1))
     honest = calibrated(measurements, matcher)
@@ -147,6 +148,7 @@ def test_place_that_holds_few_scans_is_what_is_to_be_changed():
     assert "all directions" in found.advice
 
 
+@pytest.mark.slow
 def test_few_wrong_matches_do_little():
     measurements, matcher = drive(BOTH_WAYS, np.random.default_rng(4))
     matcher.wrong = frozenset(range(5, 300, 37))

@@ -183,6 +183,7 @@ def test_map_of_the_first_version_is_read_as_one_session(first, tmp_path):
     assert {keyframe.session for keyframe in again.keyframes} == {0}
 
 
+@pytest.mark.slow
 def test_search_of_a_whole_map_is_spread_over_the_scans(first, monkeypatch):
     # on the Intel map one search takes 0.2 s, and a scan must not wait for it
     counts = [0]

@@ -203,6 +203,7 @@ def test_learnt_wheels_move_the_prediction():
     np.testing.assert_allclose(moved.log(), [0.101, 0.0, 0.204], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_innovation_and_error_are_chi_square_where_all_is_as_assumed():
     rng, wheels = np.random.default_rng(4), WheelPrior()
     match = np.diag([0.003, 0.002, 0.001]) ** 2

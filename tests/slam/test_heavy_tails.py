@@ -151,6 +151,7 @@ def test_wheels_worse_than_thought_leave_the_matches_their_say(is_open):
     assert (told < 1.25 * sigmas[1:]).all()
 
 
+@pytest.mark.slow
 def test_robot_whose_edges_err_as_fitted_knows_how_sure_it_is():
     rng, nees = np.random.default_rng(3), []
     for _ in range(8):

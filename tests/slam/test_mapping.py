@@ -72,6 +72,7 @@ def test_walls_of_the_map_lie_on_the_walls(slam_map, poses):
     assert np.quantile(off_m, 0.99) < 0.1
 
 
+@pytest.mark.slow
 def test_equal_drives_give_equal_maps(slam_map, poses):
     again = mapped(ring.drive(poses, np.random.default_rng(0)))
     assert np.array_equal(again.poses, slam_map.poses)
@@ -97,6 +98,7 @@ def test_laser_that_froze_is_carried_by_the_wheels(poses):
     assert ate_m(found, poses) < 0.06
 
 
+@pytest.mark.slow
 def test_map_of_a_laser_mounted_upside_down_is_called_failed(poses):
     measurements = ring.drive(poses, np.random.default_rng(6))
     # no scan contradicts another: all see the mirror image

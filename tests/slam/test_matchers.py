@@ -338,6 +338,7 @@ def stood(matcher: Matcher, pose: SE2, seed: int, count: int) -> tuple[list[floa
     return nees, errors_m
 
 
+@pytest.mark.slow
 def test_robot_that_stands_keeps_improving_and_knows_how_sure_it_is(full_room):
     rng, nees, errors_m = np.random.default_rng(1), [], []
     for seed in range(12):
@@ -482,6 +483,7 @@ def test_one_wrong_stamp_costs_a_turning_robot_nothing(wrong_s, is_of_scan, room
     assert max(nees[6], nees[7], nees[-1]) < 16.3
 
 
+@pytest.mark.slow
 def test_stamps_that_jitter_make_a_turning_robot_less_sure(room):
     nees = []
     for seed in range(4):

@@ -135,6 +135,7 @@ def test_simulated_town_is_recovered_as_far_as_its_noise_lets(start):
     assert found < 0.5 * by_odometry
 
 
+@pytest.mark.slow
 def test_covariances_tell_the_truth():
     nees, relative = [], []
     for seed in range(60):
@@ -184,8 +185,10 @@ def test_surprise_is_a_chi_square_for_right_loops_and_large_for_wrong_ones():
     assert np.mean(np.array(wrong) > 11.34) > 0.95
 
 
-@pytest.mark.parametrize("group", [1, 10])
-@pytest.mark.parametrize("share", [0.1, 0.2, 0.4])
+@pytest.mark.parametrize("group", [pytest.param(1, marks=pytest.mark.slow), 10])
+@pytest.mark.parametrize(
+    "share", [*(pytest.param(share, marks=pytest.mark.slow) for share in (0.1, 0.2)), 0.4]
+)
 def test_wrong_loops_do_not_bend_the_map(share, group):
     for seed in range(3):
         drive = town(seed, nodes=300, loops=120, wrong_share=share, group=group)

@@ -459,6 +459,7 @@ def test_window_shows_beams_and_goal_and_is_brought_up_to_date_each_step(monkeyp
     assert not shown.drawing.is_alive()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="a display is told by DISPLAY")
 def test_no_display_or_one_that_does_not_answer_is_told_and_nothing_is_shown():
     script = (
