@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from pathlib import Path
 from typing import BinaryIO
@@ -37,10 +38,10 @@ def opened(path: Path) -> BinaryIO:
 def read_text(path: Path, what: str) -> str:
     """A file's text, in UTF-8. Raises ValueError, by what the file should be, where it is none;
     OSError when it cannot be opened."""
-    with opened(path) as file:
-        content = file.read()
     try:
-        return content.decode("utf-8")
+        # line ends of other systems become ours
+        with io.TextIOWrapper(opened(path), encoding="utf-8") as file:
+            return file.read()
     except UnicodeDecodeError as error:
         raise ValueError(f"{path.name}: binary, not {what}") from error
 

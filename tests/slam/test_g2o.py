@@ -116,6 +116,16 @@ def test_file_that_is_no_planar_graph_is_named_in_one_line(tmp_path, text, messa
     assert len(str(error.value).splitlines()) == 1
 
 
+def test_line_ends_of_another_system_are_no_damage(tmp_path):
+    (tmp_path / "a.g2o").write_text(OTHERS)
+    graph = read_g2o(tmp_path / "a.g2o")
+    write_g2o(tmp_path / "b.g2o", graph)
+    as_written = (tmp_path / "b.g2o").read_bytes()
+    (tmp_path / "c.g2o").write_bytes(as_written.replace(b"\n", b"\r\n"))
+    write_g2o(tmp_path / "b.g2o", read_g2o(tmp_path / "c.g2o"))
+    assert (tmp_path / "b.g2o").read_bytes() == as_written
+
+
 def test_binary_file_is_named(tmp_path):
     (tmp_path / "a.g2o").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"^a.g2o: binary, not a g2o pose graph$"):
