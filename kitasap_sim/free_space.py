@@ -13,6 +13,10 @@ _SEGMENTS_AT_ONCE = 128
 """Chosen: no slower than 1024; at 17 000 points each, the most there are, 200 MB."""
 
 
+class NoRoomError(ValueError):
+    """No start is told, and nowhere within walls is there room for the robot."""
+
+
 @dataclass(frozen=True)
 class Grid:
     """Square cells over a rectangle: (i, j) spans origin + cell_m * [i, i + 1] x [j, j + 1]."""

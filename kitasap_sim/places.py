@@ -13,6 +13,7 @@ from kitasap_sim import furniture, names
 from kitasap_sim.facing import facing_out
 from kitasap_sim.free_space import (
     Grid,
+    NoRoomError,
     bared,
     flooded,
     largest_room,
@@ -35,6 +36,7 @@ from kitasap_sim.geometry import (
 from kitasap_sim.place_files import place_path
 from kitasap_sim.place_map import PlaceMap
 from kitasap_sim.place_reading import compiled_place, read_place
+from kitasap_sim.place_sites import start_site, track_sites
 from kitasap_sim.robot import KITASAP2, SWEPT_HEIGHTS_M
 
 _MAP_CELL_M = 0.005
@@ -46,10 +48,6 @@ _MAX_CELLS_ALONG = 3000
 """A large place gets coarser cells rather than gigabytes of them."""
 _FARTHEST_M = 10_000.0
 """Chosen: a town; MuJoCo calls positions unstable that are far beyond."""
-
-
-class NoRoomError(ValueError):
-    """No start is told, and nowhere within walls is there room for the robot."""
 
 
 class Place:
@@ -158,9 +156,15 @@ class Place:
         return hashlib.sha256(content.tobytes()).hexdigest()
 
     @cached_property
-    def bounds_m(self) -> np.ndarray:
-        """(2, 2) lower and upper corner of all that stands on the floor, and of the start [m]."""
+    def solid_bounds_m(self) -> np.ndarray:
+        """(2, 2) lower and upper corner of all that stands on the floor [m]."""
         ends = self._swept.reshape(-1, 2)
+        return np.array([ends.min(axis=0), ends.max(axis=0)])
+
+    @cached_property
+    def bounds_m(self) -> np.ndarray:
+        """(2, 2) the same of all that stands on the floor, and of the start [m]."""
+        ends = self.solid_bounds_m
         if self._start_site is not None:
             ends = np.concatenate([ends, self._start_site[None, :2]])
         return np.array([ends.min(axis=0), ends.max(axis=0)])
@@ -174,23 +178,12 @@ class Place:
 
     @cached_property
     def _start_site(self) -> np.ndarray | None:
-        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE.value, names.START)
-        if site < 0:
-            return None
-        data = mujoco.MjData(self.model)
-        mujoco.mj_kinematics(self.model, data)
-        (x, y, _), axes = data.site_xpos[site], data.site_xmat[site].reshape(3, 3)
-        return np.array([x, y, np.arctan2(axes[1, 0], axes[0, 0])])
+        return start_site(self.model)
 
     @cached_property
     def track_m(self) -> np.ndarray:
         """(T, 2) corners of the place's scripted track: its sites `track_...` by name [m]."""
-        data = mujoco.MjData(self.model)
-        mujoco.mj_kinematics(self.model, data)
-        sites = [self.model.site(i).name for i in range(self.model.nsite)]
-        chosen = sorted(name for name in sites if name.startswith(names.TRACK_PREFIX))
-        corners = [data.site(name).xpos[:2] for name in chosen]
-        return np.array(corners).reshape(-1, 2)
+        return track_sites(self.model)
 
     @cached_property
     def has_floor(self) -> bool:

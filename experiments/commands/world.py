@@ -12,6 +12,7 @@ from experiments.plan_example import EXAMPLE
 
 if TYPE_CHECKING:
     from kitasap_sim.built_places import Block, Pillar
+    from kitasap_sim.places import Place
     from slam.se2 import SE2
 
 app = typer.Typer(
@@ -127,23 +128,16 @@ def _write_solids(
     import mujoco
 
     from kitasap_sim.built_places import place_mjcf
-    from kitasap_sim.places import NoRoomError, Place
+    from kitasap_sim.free_space import NoRoomError
+    from kitasap_sim.places import Place
     from kitasap_sim.robot import KITASAP2
 
     made = f"Made of {source.name}."
-    if start is not None:
-        bare = Place.of_mjcf(
-            mujoco.MjSpec.from_string(place_mjcf(source.stem, made, solids, None)), out.stem
-        )
-        (left, low), (right, high) = bare.bounds_m
-        if not (left < start[0] < right and low < start[1] < high):
-            raise ValueError(
-                f"{source.name}: its start ({start[0]:.2f}, {start[1]:.2f}) lies outside of all walls,"
-                f" which are in x from {left:.2f} to {right:.2f}, in y from {low:.2f} to {high:.2f}"
-            )
     try:
         mjcf = place_mjcf(source.stem, made, solids, start)
         place = Place.of_mjcf(mujoco.MjSpec.from_string(mjcf), out.stem)
+        if start is not None:
+            _check_start(place, start)
         free_m2 = len(place.free_centres_m) * place.free_cell_m**2
         x, y, heading = place.start.tolist()
     except NoRoomError:
@@ -157,6 +151,16 @@ def _write_solids(
     print(f"{len(solids)} solids, {free_m2:.1f} m2 for the robot's middle")
     print(f"start: {x:.2f} {y:.2f} {heading:.2f}")
     print(f"place: {out}")
+
+
+def _check_start(place: "Place", start: tuple[float, float, float]) -> None:
+    """Raises ValueError for a start that lies outside of all walls: there is nothing but room."""
+    (left, low), (right, high) = place.solid_bounds_m
+    if not (left < start[0] < right and low < start[1] < high):
+        raise ValueError(
+            f"its start ({start[0]:.2f}, {start[1]:.2f}) lies outside of all walls,"
+            f" which are in x from {left:.2f} to {right:.2f}, in y from {low:.2f} to {high:.2f}"
+        )
 
 
 def _check(out: Path, overwrite: bool, height_m: float = _WALL_HEIGHT_M) -> None:

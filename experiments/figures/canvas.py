@@ -46,6 +46,12 @@ def line_style(method: str) -> dict[str, Any]:
     }
 
 
+def height_by_width(low: np.ndarray, high: np.ndarray, highest: float = 1.3) -> float:
+    """Of a panel that shows the plane from corner (2,) to corner (2,), at least 0.4."""
+    width, height = np.maximum(high - low, 1e-9)
+    return float(min(max(height / width, 0.4), highest))
+
+
 def plain(name: str) -> str:
     """A name as it stands in a figure: the dollars in it begin no formula."""
     return name.replace("$", r"\$")

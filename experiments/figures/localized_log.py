@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from experiments.figures.canvas import plain, saved
+from experiments.figures.canvas import height_by_width, plain, saved
 from experiments.figures.grid import draw_grid
 from experiments.localize import LocalizedLog
 from slam.localization import Estimate
@@ -15,7 +15,7 @@ from slam.verdict import Status
 
 _COLOURS = {Status.TRACKING: "#0072b2", Status.UNSURE: "#e69f00", Status.LOST: "#d55e00"}
 _WIDTH_IN, _STRIP_IN = 9.0, 1.1
-_TALLEST = 1.2
+_HIGHEST = 1.2
 """Of the map's panel, height by width."""
 _MARGIN_M = 0.5
 _ARROWS_ACROSS = 30
@@ -32,7 +32,7 @@ def localized_log_picture(folder: Path, result: LocalizedLog) -> Path:
     and not joined to the others. Writes `localized.png` and `.svg` into the folder.
     """
     lower, upper = _window(result)
-    height_in = _WIDTH_IN * min(max((upper - lower)[1] / (upper - lower)[0], 0.4), _TALLEST)
+    height_in = _WIDTH_IN * height_by_width(lower, upper, _HIGHEST)
     losses = _losses(result)
     told = _told(result, losses)
     strip_in = _STRIP_IN + 0.2 * len(told)

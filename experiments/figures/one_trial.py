@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from experiments.figures.canvas import legend_below, plain, saved
+from experiments.figures.canvas import height_by_width, legend_below, plain, saved
 from experiments.figures.made_maps import made_maps_picture
 from experiments.mapping import MappingResult
 from experiments.methods import KnownPlace
@@ -61,9 +61,8 @@ def _search_figure(config: TrialConfig, result: TrialResult, index: int) -> Any:
 
 def _high_in(known: KnownPlace, wide_in: float) -> float:
     """How high [in] panels of the place are that are so wide, with titles and legend."""
-    lower, upper = known.place.bounds_m
-    ratio = float((upper[1] - lower[1]) / (upper[0] - lower[0]))
-    return wide_in * min(max(ratio, 0.4), 1.5) + 1.4
+    low, high = known.place.bounds_m
+    return wide_in * height_by_width(low, high, highest=1.5) + 1.4
 
 
 def _draw_search(axis: Axes, config: TrialConfig, result: TrialResult, name: str) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from experiments.figures.canvas import COLOURS, plain, saved
+from experiments.figures.canvas import COLOURS, height_by_width, plain, saved
 from experiments.real_logs import RealLogResult
 
 _WIDTH_IN = 9.0
@@ -16,8 +16,7 @@ def real_log_picture(folder: Path, result: RealLogResult) -> Path:
     Writes `localization.png` and `.svg` into the folder.
     """
     low, high = result.map_points.min(axis=0), result.map_points.max(axis=0)
-    ratio = float(min(max((high[1] - low[1]) / max(high[0] - low[0], 1e-9), 0.4), 1.3))
-    size_in = (_WIDTH_IN, _WIDTH_IN * ratio + 1.0)
+    size_in = (_WIDTH_IN, _WIDTH_IN * height_by_width(low, high) + 1.0)
     figure, axis = plt.subplots(figsize=size_in, layout="compressed")
     axis.plot(*result.map_points.T, ".", ms=1, color="#666666", label="map of the even scans")
     axis.plot(*result.reference[:, :2].T, "-", lw=1, color="#2ca02c", label="reference")

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
-from experiments.figures.canvas import plain, saved
+from experiments.figures.canvas import height_by_width, plain, saved
 from experiments.figures.grid import draw_grid
 from experiments.slam_files import grid_or_reason
 from experiments.slam_log import SlamLog
@@ -29,8 +29,8 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     else:
         known = grid.centres_of(np.argwhere(grid.cells != UNKNOWN))
     low, high = known.min(axis=0) - _MARGIN_M, known.max(axis=0) + _MARGIN_M
-    ratio = min(max((high - low)[1] / (high - low)[0], 0.4), 1.3)
-    figure, axes = plt.subplots(figsize=(_WIDTH_IN, _WIDTH_IN * ratio + 0.6), layout="compressed")
+    size_in = (_WIDTH_IN, _WIDTH_IN * height_by_width(low, high) + 0.6)
+    figure, axes = plt.subplots(figsize=size_in, layout="compressed")
     if grid is None:
         axes.plot(*slam_map.points.T, ".", color="#333333", ms=2.0, mew=0.0, rasterized=True)
     else:
@@ -64,9 +64,9 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
 def _draw_loops(axes: Axes, result: SlamLog) -> None:
     poses = result.slam_map.poses
     # neither is a colour of the way, from dark blue over green to yellow; those rejected are few
-    for loops, colour, width, words in (
-        (result.slam_map.loops, "#e377c2", 0.5, "loops"),
-        (result.slam_map.rejected, "#d62728", 1.6, "rejected"),
+    for loops, colour, width, alpha, words in (
+        (result.slam_map.loops, "#e377c2", 0.5, 0.6, "loops"),
+        (result.slam_map.rejected, "#d62728", 1.6, 0.9, "rejected"),
     ):
         if not loops:
             continue
@@ -78,6 +78,6 @@ def _draw_loops(axes: Axes, result: SlamLog) -> None:
             for loop in loops
         ]
         axes.add_collection(
-            LineCollection(list(np.array(ends)), colors=colour, lw=width, alpha=0.5 + width / 4.0)
+            LineCollection(list(np.array(ends)), colors=colour, lw=width, alpha=alpha)
         )
         axes.plot([], [], color=colour, label=f"{words}: {len(loops)}")

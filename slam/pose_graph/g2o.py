@@ -150,12 +150,9 @@ def _kernel(line: str, place: str) -> EdgeKernel:
 
 
 def _whole(field: str, place: str) -> int:
-    try:
-        if len(field) <= _LONGEST_NUMBER:
-            return int(field)
-    except ValueError:
-        pass
-    raise ValueError(f"{place}: expected the number of a vertex, found {field!r:.60}")
+    if len(field) > _LONGEST_NUMBER or not field.removeprefix("-").isdecimal():
+        raise ValueError(f"{place}: expected the number of a vertex, found {field!r:.60}")
+    return int(field)
 
 
 def _numbers(values: np.ndarray) -> str:

@@ -79,6 +79,7 @@ def test_the_robot_stands_and_sees_in_a_place_of_a_plan(tmp_path):
         ("rooms: []", "a floor plan: there is no key 'rooms'; there are: walls, height,"),
         ("height: 1", "a floor plan: the key walls is missing"),
         ("walls: []", "a place needs something that stands on its floor"),
+        ("walls: []\nstart: {at: [0, 0]}", "a place needs something that stands on its floor"),
         ("walls: [{line: [[0, 0], [.nan, 1]]}]", "walls 1: line takes numbers from -300 to 300"),
         ("walls: [{line: [[0, 0], [1e9, 1]]}]", "walls 1: line takes numbers from -300 to 300"),
         (
