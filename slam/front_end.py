@@ -29,6 +29,8 @@ _LITTLE = 0.01
 """Of the odometry's information, where wheels may be far off."""
 _NEAR = 0.3, 0.15
 """[m], [rad]: what lies farther from where wheels lead is looked for with more care. Chosen."""
+_GUESS = 0.3, 0.3
+"""[m], [rad]: a prediction less sure than that leads to whatever looks like it. Chosen."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -41,7 +43,9 @@ class FrontEndConfig:
     window: keyframes that the surfaces are learnt from. keyframe_m, keyframe_rad: motion after
     which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
     itself. good_inlier_ratio: below it, the scan is looked for where the wheels count less, by
-    trust of their normalised innovation squared, and all around, within reach_m and reach_rad.
+    trust of their normalised innovation squared, and all around, within reach_m and reach_rad;
+    guess_inlier_ratio: in its place where nothing tells how far the robot went: a metre along a wall
+    off, 0.85 of a scan fitted still.
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
     pose found around must be better; better_against: one that the wheels contradict: odometry that
     jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
@@ -68,6 +72,7 @@ class FrontEndConfig:
     keyframe_rad: float = math.radians(12.0)
     step_sigma: tuple[float, float, float] = (0.01, 0.01, 0.01)
     good_inlier_ratio: float = 0.85
+    guess_inlier_ratio: float = 0.95
     trust: float = 20.0
     reach_m: float = 0.8
     reach_rad: float = math.radians(50.0)
@@ -222,7 +227,8 @@ class FrontEnd:
         if self._is_open(match):
             match = self._across_the_way(points, T_predicted, odometry, match)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
-        if match.inlier_ratio >= max(config.good_inlier_ratio, least):
+        good = config.guess_inlier_ratio if self._is_guess() else config.good_inlier_ratio
+        if match.inlier_ratio >= max(good, least):
             return match, StepStatus.MATCHED
         status = StepStatus.MATCHED
         best = self._around(points, T_last, T_predicted, odometry)
@@ -234,6 +240,11 @@ class FrontEnd:
         if match.inlier_ratio < least or match.seen_ratio < config.least_seen_ratio:
             return None, StepStatus.BROKEN
         return match, status
+
+    def _is_guess(self) -> bool:
+        """Whether next to nothing is known of the way since the last scan."""
+        most_m, most_rad = _GUESS
+        return bool(max(self._P[0, 0], self._P[1, 1]) > most_m**2 or self._P[2, 2] > most_rad**2)
 
     def _is_open(self, match: SurfaceMatch) -> bool:
         """Whether a scan itself leaves a direction open."""
