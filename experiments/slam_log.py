@@ -156,6 +156,11 @@ def run(
     return replace(result, evaluation=evaluation)
 
 
+def default_mapped(log: Log, known: SlamMap | None = None) -> SlamLog:
+    """A log as `run` maps it when nothing else is told, as one more session of a map if one is given."""
+    return _best_mapped(log, partial(_mapped, known=known))
+
+
 def _check_start(known: SlamMap, start: SE2) -> None:
     """Raises ValueError for a start farther from a map than its own scans reached: nothing that is
     seen there can be on it."""
@@ -207,9 +212,9 @@ def _mapped(
     config: MapperConfig | None = None,
     *,
     known: SlamMap | None,
-    start: SE2 | None,
-    on_scan: OnScan | None,
-    observer: LogObserver,
+    start: SE2 | None = None,
+    on_scan: OnScan | None = None,
+    observer: LogObserver = NO_ONE,
 ) -> SlamLog:
     """One pass over a log."""
     mapper = (

@@ -97,6 +97,36 @@ def mapping(
     print_benchmark(log, out)
 
 
+Reference = Annotated[Path, typer.Option(help="Its true poses, a TUM file.")]
+
+
+@app.command()
+def damage(
+    log: Log,
+    reference: Reference,
+    repeats: Annotated[int, typer.Option(min=1, help="Of each damage, each drawn anew.")] = 2,
+    seed: Seed = 0,
+) -> int:
+    """Scans lost, odometry that jumps, a frozen laser: a right map, or one called failed?"""
+    from experiments.bench.damage import print_benchmark
+
+    return 0 if print_benchmark(log, reference, repeats, seed) else 1
+
+
+@app.command()
+def continued(
+    log: Log,
+    reference: Reference,
+    relations: Annotated[
+        Path | None, typer.Option(help="Relations to judge by; else built of the reference.")
+    ] = None,
+) -> int:
+    """A log's second half on the map that the first one left, beside the log in one go."""
+    from experiments.bench.continued import print_benchmark
+
+    return 0 if print_benchmark(log, reference, relations) else 1
+
+
 @app.command()
 def wheels(
     log: Log,

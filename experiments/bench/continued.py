@@ -1,0 +1,118 @@
+"""`kitasap bench continued LOG`: its second half on the first half's map, beside the log in one go."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+
+from rich.table import Table
+
+from experiments.evaluation import Evaluation, evaluated
+from experiments.slam_log import default_mapped
+from experiments.tables import wide_console
+from slam.metrics import Relations, read_relations
+from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.recognition import read_log
+from slam.slam_map_files import read_slam_map, write_slam_map
+from slam.trajectory import Trajectory, read_tum
+
+
+@dataclass(frozen=True)
+class Continued:
+    """A log in one go and in two sessions. Both judged by the poses of their scans, all of them.
+
+    joined_at: scan of the second session, from 1, with which it was joined; None: never.
+    is_same_again: the map of the first half read and written once more has the same bytes.
+    """
+
+    whole: Evaluation
+    halves: Evaluation
+    joined_at: int | None
+    scans: int
+    is_same_again: bool
+    reasons: tuple[str, ...]
+
+
+def print_benchmark(log_path: Path, reference: Path, relations: Path | None) -> bool:
+    """Maps and prints the table; whether the second half was joined, and the map is called good.
+
+    Raises ValueError for files that are not what they should be, or a log of one scan.
+    """
+    against, log = read_tum(reference), read_log(log_path)
+    related = None if relations is None else read_relations(relations)
+    log.check_sees()
+    if log.scan_count < 2:
+        raise ValueError(f"{log_path}: expected two scans and more, one for each half")
+    found = measured(log, against, related)
+    wide_console().print(_table(log.name, found))
+    return found.joined_at is not None and not found.reasons
+
+
+def measured(log: Log, against: Trajectory, related: Relations | None = None) -> Continued:
+    """Maps the log whole, and in halves with a file in between."""
+    first, second = halves(log)
+    whole = default_mapped(log).slam_map
+    with tempfile.TemporaryDirectory() as folder:
+        path, again = Path(folder) / "first.kitasap", Path(folder) / "again.kitasap"
+        write_slam_map(path, default_mapped(first).slam_map)
+        known = read_slam_map(path)
+        write_slam_map(again, known)
+        is_same_again = path.read_bytes() == again.read_bytes()
+    continued = default_mapped(second, known)
+    joined_at = None if continued.joined_at is None else continued.joined_at + 1
+    both = continued.slam_map
+    return Continued(
+        evaluated(whole.trajectory, against, related), evaluated(both.trajectory, against, related),
+        joined_at, second.scan_count, is_same_again, both.verdict.reasons,
+    )  # fmt: skip
+
+
+def halves(log: Log) -> tuple[Log, Log]:
+    """The log cut before the scan in its middle."""
+    count = log.scan_count // 2
+    row = _row_of_scan(log.records, count)
+    parts = (0, row, count), (row, len(log.records), log.scan_count - count)
+    first, second = (_part(log, start, stop, scans) for start, stop, scans in parts)
+    return first, second
+
+
+def _part(log: Log, start: int, stop: int, scan_count: int) -> Log:
+    records = LogRecords(stop - start, lambda: islice(log.records, start, stop))
+    return replace(log, records=records, scan_count=scan_count)
+
+
+def _row_of_scan(records: Iterable[LogRecord], number: int) -> int:
+    rows: Iterator[int] = (row for row, record in enumerate(records) if record.scan is not None)
+    return next(islice(rows, number, None))
+
+
+def _table(name: str, found: Continued) -> Table:
+    joined = "never joined" if found.joined_at is None else f"joined with scan {found.joined_at}"
+    called = "good" if not found.reasons else f"failed: {found.reasons[0]}"
+    same = "has the same bytes" if found.is_same_again else "has OTHER bytes"
+    table = Table(
+        title=f"{name}, its second half on the map that the first one left",
+        caption=f"{joined} of {found.scans}, start unknown; the map is called {called}. The first"
+        f" half's map read and written again {same}.",
+    )
+    for column in (
+        "poses of the scans",
+        "relations: mean and spread, most",
+        "rotation",
+        "ATE, most",
+    ):
+        table.add_column(column, justify="left" if column.startswith("poses") else "right")
+    for words, one in (("in one go", found.whole), ("in two sessions", found.halves)):
+        assert one.absolute is not None
+        position_m, errors = one.absolute.position_m, one.relations["all"].errors
+        moved_m, turned_rad = errors.translation_m, errors.rotation_rad
+        table.add_row(
+            words, f"{moved_m.mean:.4f} +- {moved_m.std:.4f} m, {moved_m.max:.2f} m",
+            f"{math.degrees(turned_rad.mean):.3f} degrees",
+            f"{position_m.rmse:.3f} m, {position_m.max:.2f} m",
+        )  # fmt: skip
+    return table

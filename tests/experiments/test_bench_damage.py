@@ -1,0 +1,120 @@
+"""`kitasap bench damage`: what is done to a log is what is said, and wrong maps called good count."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.bench import damage
+from experiments.bench.damage import DAMAGES, Damaged
+from experiments.cli import main
+from slam.readers.recognition import read_log
+from tests.experiments.refusals import refusal
+
+DATA = Path(__file__).parents[1] / "data"
+LOG, REFERENCE = DATA / "fr101-excerpt.clf.gz", DATA / "fr101-excerpt.reference.tum"
+
+
+@pytest.fixture(scope="module")
+def log():
+    return read_log(LOG)
+
+
+def scans(log):
+    return [record.scan for record in log.records if record.scan is not None]
+
+
+def steps(log):
+    poses = [record.T_odom_base for record in log.records]
+    return np.array([(a.inverse() @ b).as_array() for a, b in pairwise(poses)])
+
+
+def damaged(log, words, seed=3):
+    """By the one damage whose name has these words, read twice."""
+    (one,) = (make for name, make in DAMAGES.items() if words in name)
+    result = one(log, np.random.default_rng(seed))
+    assert len(list(result.records)) == len(list(result.records)) == len(result.records)
+    assert len(scans(result)) == result.scan_count
+    return result
+
+
+@pytest.mark.parametrize("words", ["here and there", "in one piece"])
+def test_a_third_of_the_scans_is_lost_and_no_odometry(log, words):
+    lossy = damaged(log, words)
+    kept = [scan.time_s for scan in scans(lossy)]
+    stamps = [scan.time_s for scan in scans(log)]
+    assert len(stamps) - len(kept) in (len(stamps) // 3, len(stamps) // 3 + 1)
+    gone = [index for index, stamp in enumerate(stamps) if stamp not in kept]
+    assert (np.ptp(gone) == len(gone) - 1) == (words == "in one piece")
+    np.testing.assert_allclose(steps(lossy), steps(log), atol=1e-9)
+    others = damaged(log, words, seed=4)
+    assert kept != [scan.time_s for scan in scans(others)]
+
+
+def test_odometry_jumps_once_by_a_right_angle(log):
+    turned = steps(damaged(log, "90 degrees")) - steps(log)
+    off = np.abs(np.arctan2(np.sin(turned[:, 2]), np.cos(turned[:, 2])))
+    assert sorted(off.round(6)) == [0.0] * (len(off) - 1) + [pytest.approx(math.pi / 2.0, abs=1e-5)]
+
+
+def test_a_frozen_laser_says_the_same_for_ten_seconds_by_stamps_of_their_own(log):
+    frozen, true = scans(damaged(log, "frozen")), scans(log)
+    assert [scan.time_s for scan in frozen] == [scan.time_s for scan in true]
+    ranges = [scan.ranges_m.tobytes() for scan in frozen]
+    (held,) = (one for one in set(ranges) if ranges.count(one) > 1)
+    stamps = [scan.time_s for scan, one in zip(frozen, ranges, strict=True) if one == held]
+    assert max(stamps) - min(stamps) <= 10.0
+    behind = min((s.time_s for s in true if s.time_s > max(stamps)), default=math.inf)
+    assert behind - min(stamps) > 10.0
+
+
+def test_beams_are_lost_the_same_in_each_reading_and_others_in_each_scan(log):
+    lossy = damaged(log, "of the beams")
+    first, again = (np.array([np.isnan(scan.ranges_m) for scan in scans(lossy)]) for _ in range(2))
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first[0], first[1])
+    assert first.mean() == pytest.approx(1 / 3, abs=4 * math.sqrt(2 / 9 / first.size))
+
+
+def test_wheels_are_wrong_by_as_much_all_along_or_silent(log):
+    wrong, true = steps(damaged(log, "wheels 15 %")), steps(log)
+    is_far = np.abs(true[:, 0]) > 0.05
+    ratio = wrong[is_far, 0] / true[is_far, 0]
+    assert np.ptp(ratio) < 1e-6
+    assert ratio[0] == pytest.approx(1.15) or ratio[0] == pytest.approx(1 / 1.15)
+    silent = damaged(log, "no wheels")
+    assert not silent.has_odometry
+    assert not steps(silent).any()
+
+
+def test_a_wrong_map_called_good_counts_and_no_other(monkeypatch, capsys):
+    ends = {
+        "none": Damaged("none", 20, True, (), 0.02, 0.1),
+        "found": Damaged("found", 20, False, ("torn",), 2.0, 9.0),
+    }
+    assert not any(end.is_deceptive for end in ends.values())
+    for rmse_m, max_m in ((0.16, 0.3), (0.1, 0.6)):
+        assert Damaged("x", 20, True, (), rmse_m, max_m).is_deceptive
+    bench = ["bench", "damage", str(LOG), "--reference", str(REFERENCE)]
+    monkeypatch.setattr(damage, "measured", lambda *_: list(ends.values()))
+    assert main(bench) == 0
+    ends["blind"] = Damaged("blind", 20, True, (), 2.0, 9.0)
+    assert main(bench) == 1
+    assert "GOOD" in capsys.readouterr().out
+
+
+def test_log_too_short_to_be_damaged_is_refused(tmp_path, capsys, monkeypatch):
+    log = read_log(LOG)
+    monkeypatch.setattr(damage, "read_log", lambda _: replace(log, scan_count=1))
+    said = refusal(capsys, "bench", "damage", str(LOG), "--reference", str(REFERENCE))
+    assert said.endswith("1 scans are too few to damage some of them")
+
+
+@pytest.mark.slow
+def test_the_excerpt_survives_each_damage_or_says_so(log, capsys):
+    bench = ["bench", "damage", str(LOG), "--reference", str(REFERENCE), "--repeats", "1"]
+    assert main(bench) == 0
+    assert capsys.readouterr().out.count("right") > 3
