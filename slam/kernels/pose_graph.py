@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from slam.arrays import FloatArray, IntArray
-from slam.kernels import compiled
+from slam.kernels import compiled, copy_into
 from slam.kernels.normal_equations import moved
 
 _SMALL_ANGLE_RAD = 1e-3
@@ -304,5 +304,5 @@ def relative_covariances(poses: FloatArray, pairs: IntArray, joint: FloatArray) 
     for q in range(len(pairs)):
         between(poses[pairs[q, 0]], poses[pairs[q, 1]], way)
         slopes(way, still, J[:, :3], J[:, 3:])
-        relative[q] = J @ joint[q] @ J.T
+        copy_into(J @ joint[q] @ J.T, relative[q])
     return relative
