@@ -11,6 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import POINTS_WITHIN_M, Beams
+from slam.carried import Carried
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
@@ -104,6 +105,7 @@ class FrontEnd:
         self.glances: list[Glances] = []
         self.wheel_scale = WheelScale(self.config.wheel_scale)
         self.scaled_steps: list[ScaledStep] = []
+        self.carried, self._scans = Carried(), 0
         self.T_map_base = SE2.identity()
         self._surfaces = SurfaceMap(self.config.surfaces)
         self._window: deque[FloatArray] = deque()
@@ -128,6 +130,11 @@ class FrontEnd:
             match, status = None, StepStatus.BROKEN
         self.T_map_base = T_predicted
         inlier_ratio = 0.0
+        if status is StepStatus.CARRIED and self.keyframes:
+            self.carried.add(self._scans, T_predicted, self._P)
+        else:
+            self.carried.end(T_predicted, self._P)
+        self._scans += 1
         is_open = match is not None and self._is_open(match)
         if match is not None:
             if is_open and status is StepStatus.MATCHED:

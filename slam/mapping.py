@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.carried import smoothed
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd
 from slam.joint_adjustment import jointly_adjusted
@@ -191,12 +192,13 @@ class Mapper:
             said = f"session {self._session + 1} has no scan that tells anything"
             verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
+        runs = self._front_end.carried.runs
+        steps = smoothed(self._steps, runs, self._first_step, keyframes, poses)
         for k, glances in enumerate(self._front_end.glances, start=self._first):
             if not keyframes[k].is_place_alone:
                 keyframes[k] = replace(keyframes[k], glances=glances.kept)
         return SlamMap(
-            tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(self._steps),
-            verdict,
+            tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(steps), verdict,
         )  # fmt: skip
 
     def _adjusted(self, closer: LoopCloser, every: int) -> tuple[list[Loop], list[Loop]]:

@@ -81,7 +81,15 @@ RANKS = (
     | {"surfels", "map_files", "pose_lookup", "point_files", "kitti_files"},
     {"icp", "scan_matching", "beam_likelihood", "pose_graph", "deskew", "evidence"}
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
-    | {"surface_map", "surface_cells", "map_errors", "views", "frozen_laser", "wheel_prior"}
+    | {
+        "surface_map",
+        "surface_cells",
+        "map_errors",
+        "views",
+        "frozen_laser",
+        "wheel_prior",
+        "carried",
+    }
     | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
     {
         "relocalization",

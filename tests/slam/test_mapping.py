@@ -98,6 +98,21 @@ def test_laser_that_froze_is_carried_by_the_wheels(poses):
     assert ate_m(found, poses) < 0.06
 
 
+def test_where_wheels_led_while_the_laser_was_frozen_is_told_by_the_scan_after_it(poses):
+    # the wheels turn by a degree more at each step: half a metre aside in the end
+    measurements = ring.drive(poses, np.random.default_rng(2), 1.0, 1.0)
+    frozen = measurements[100].scan
+    for k in range(101, 121):
+        motion = measurements[k].motion @ SE2(0.0, 0.0, math.radians(1.0))
+        measurements[k] = replace(measurements[k], scan=frozen, motion=motion)
+    found = mapped(measurements)
+    assert found.steps[120].status is StepStatus.CARRIED
+    path = found.trajectory.poses[100:122]
+    true = np.array([(poses[0].inverse() @ pose).as_array() for pose in poses[100:122]])
+    off_m = np.hypot(*(path - true)[:, :2].T)
+    assert off_m.max() < 0.05
+
+
 @pytest.mark.slow
 def test_map_of_a_laser_mounted_upside_down_is_called_failed(poses):
     measurements = ring.drive(poses, np.random.default_rng(6))
