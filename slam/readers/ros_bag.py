@@ -25,6 +25,7 @@ from slam.readers.log_odometry import (
 )
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.scan_message import ScanMessage
+from slam.readers.silent_wheels import SilentWheels
 from slam.readers.stamp_order import in_stamp_order
 from slam.readers.transforms import Mounting, Transforms, frame_name, planar
 from slam.se2 import SE2
@@ -76,13 +77,14 @@ def read_ros_bag(
     sources = replace(sources, no_return_m=survey.codes.no_return_m)
     if survey.scans == 0:
         raise ValueError(f"{bag.name}: no scan on {sources.scans} has a beam; {bag.listed()}")
+    has_odometry = sources.odometry is not None and not survey.wheels.is_silent
     return Log(
         name=bag.name,
         T_base_laser=sources.mounting.T_base_laser,
         scan_count=survey.scans,
         records=LogRecords(survey.scans + survey.poses, partial(_records, sources)),
-        noise=unknown_motion if sources.odometry is None else noise.covariance,
-        has_odometry=sources.odometry is not None,
+        noise=noise.covariance if has_odometry else unknown_motion,
+        has_odometry=has_odometry,
         is_blind=survey.codes.is_blind,
         notes=tuple(notes),
     )
@@ -266,7 +268,7 @@ class _Survey:
 
     def __init__(self) -> None:
         self.scans = self.poses = 0
-        self.codes = NoReturnSearch()
+        self.codes, self.wheels = NoReturnSearch(), SilentWheels()
         self._spans = {"scans": [math.inf, -math.inf], "odometry": [math.inf, -math.inf]}
 
     def add(self, record: LogRecord, has_odometry: bool) -> None:
@@ -275,12 +277,14 @@ class _Survey:
         span[0], span[1] = min(span[0], record.time_s), max(span[1], record.time_s)
         if record.scan is None:
             self.poses += 1
+            self.wheels.add_pose(record.T_odom_base)
             return
         self.scans += 1
         angles_rad = record.scan.angles_rad
         step_rad = float(angles_rad[1] - angles_rad[0]) if len(angles_rad) > 1 else 0.0
         position = (record.T_odom_base.x, record.T_odom_base.y) if has_odometry else None
         self.codes.add(record.scan.ranges_m, step_rad, position)
+        self.wheels.add_scan(record.scan.ranges_m)
 
     def check(self, name: str, sources: _Sources) -> None:
         """Raises ValueError where scans and odometry have nothing to do with each other."""
