@@ -126,6 +126,20 @@ def _block_lost(log: Log, rng: np.random.Generator) -> Log:
     return replace(kept, scan_count=log.scan_count - count)
 
 
+def _records_lost(log: Log, rng: np.random.Generator) -> Log:
+    """Odometry too: it counts on after the gap."""
+    rows = [row for row, record in enumerate(log.records) if record.scan is not None]
+    lost = int(_LOST * log.scan_count)
+    first = int(rng.integers(log.scan_count - lost + 1))
+    start, stop = rows[first], rows[first + lost - 1] + 1
+
+    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
+        return (record for row, record in enumerate(of) if not start <= row < stop)
+
+    kept = replace(_with_records(log, records), scan_count=log.scan_count - lost)
+    return replace(kept, records=replace(kept.records, count=len(log.records) - (stop - start)))
+
+
 def _turned(log: Log, rng: np.random.Generator) -> Log:
     """The robot's heading by odometry jumps once."""
     turn = SE2(0.0, 0.0, math.copysign(math.pi / 2.0, rng.uniform(-1.0, 1.0)))
@@ -202,6 +216,7 @@ def _inner(count: int, rng: np.random.Generator) -> int:
 DAMAGES: dict[str, Damage] = {
     "a third of the scans lost, here and there": _some_scans_lost,
     "a third of the scans lost, in one piece": _block_lost,
+    "a third of the records lost, in one piece": _records_lost,
     "odometry jumps by 90 degrees": _turned,
     f"laser frozen for {_FROZEN_S:g} s": _frozen,
     "a third of the beams lost": _beams_lost,

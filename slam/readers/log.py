@@ -10,6 +10,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan, Measurement
 from slam.odometry import WheelModel, compose_covariance
+from slam.readers.record_gaps import RecordGaps
 from slam.se2 import SE2
 
 MotionNoise = Callable[[SE2], FloatArray]
@@ -97,7 +98,7 @@ class MotionSinceScan:
     """The way since the last scan, record by record: for a pose at each record, not each scan."""
 
     def __init__(self, noise: MotionNoise) -> None:
-        self._noise = noise
+        self._noise, self._gaps = noise, RecordGaps()
         self._T_odom_last: SE2 | None = None
         self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
 
@@ -110,7 +111,8 @@ class MotionSinceScan:
         """The measurement that a record with a scan makes; None where it has none."""
         if self._T_odom_last is not None:
             step = self._T_odom_last.inverse() @ record.T_odom_base
-            self._covariance = compose_covariance(self._covariance, step, self._noise(step))
+            noise = self._noise(step) + self._gaps.covariance(record.time_s, step)
+            self._covariance = compose_covariance(self._covariance, step, noise)
             self._motion = self._motion @ step
         self._T_odom_last = record.T_odom_base
         if record.scan is None:

@@ -41,17 +41,25 @@ def damaged(log, words, seed=3):
     return result
 
 
-@pytest.mark.parametrize("words", ["here and there", "in one piece"])
+@pytest.mark.parametrize("words", ["here and there", "scans lost, in one piece"])
 def test_a_third_of_the_scans_is_lost_and_no_odometry(log, words):
     lossy = damaged(log, words)
     kept = [scan.time_s for scan in scans(lossy)]
     stamps = [scan.time_s for scan in scans(log)]
     assert len(stamps) - len(kept) in (len(stamps) // 3, len(stamps) // 3 + 1)
     gone = [index for index, stamp in enumerate(stamps) if stamp not in kept]
-    assert (np.ptp(gone) == len(gone) - 1) == (words == "in one piece")
+    assert (np.ptp(gone) == len(gone) - 1) == ("in one piece" in words)
     np.testing.assert_allclose(steps(lossy), steps(log), atol=1e-9)
     others = damaged(log, words, seed=4)
     assert kept != [scan.time_s for scan in scans(others)]
+
+
+def test_a_third_of_the_records_is_lost_with_the_odometry(log):
+    lossy = damaged(log, "of the records")
+    kept, stamps = ([one.time_s for one in part.records] for part in (lossy, log))
+    gap = next((k for k in range(len(kept)) if kept[k] != stamps[k]), len(kept))
+    assert kept == stamps[:gap] + stamps[gap + len(stamps) - len(kept) :]
+    assert log.scan_count - lossy.scan_count == log.scan_count // 3
 
 
 def test_odometry_jumps_once_by_a_right_angle(log):
@@ -114,7 +122,7 @@ def test_log_too_short_to_be_damaged_is_refused(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_the_excerpt_survives_each_damage_or_says_so(log, capsys):
+def test_the_excerpt_survives_each_damage_or_says_so(capsys):
     bench = ["bench", "damage", str(LOG), "--reference", str(REFERENCE), "--repeats", "1"]
     assert main(bench) == 0
     assert capsys.readouterr().out.count("right") > 3
