@@ -149,6 +149,7 @@ def test_text_is_in_columns_and_parts():
     ]
 
 
+@pytest.mark.slow
 def test_pictures_are_well_where_something_draws_them():
     try:
         drawn_by = check_rendering()

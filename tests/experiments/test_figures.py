@@ -52,6 +52,7 @@ def drives(tmp_path, drive_config):
     return folder
 
 
+@pytest.mark.slow
 def test_run_leaves_its_figures_and_equal_runs_equal_ones(tmp_path, run_trials):
     for name in ("first", "second"):
         assert run_trials(tmp_path / name, 2) == 0

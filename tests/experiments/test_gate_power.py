@@ -93,7 +93,8 @@ def alarms(checks):
     return sum(bool(check.worse) for check in checks)
 
 
-@pytest.mark.parametrize("is_paired", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("is_paired", [False, True])
 def test_false_alarms_are_as_rare_as_stated(is_paired):
     # a rate, so that it can be counted, which is far above the gate's own; no margin to help it
     rng, seed, one = np.random.default_rng(11), 0 if is_paired else 1, ("limit",)

@@ -16,6 +16,7 @@ HAND = np.array([0.05, 0.05, 0.1])
 START = np.array([0.10, 0.10, math.radians(5)])
 
 
+@pytest.mark.slow
 def test_encoders_tell_nothing_of_the_way_from_pose_1():
     config = TrialConfig(methods=("odometry",))
     start = config.known_place.place.start
@@ -49,6 +50,7 @@ def test_both_scans_and_poses_are_kept_for_the_picture(quick_config):
     assert 5.9 < result.sim_s < 6.2
 
 
+@pytest.mark.slow
 def test_random_kidnaps_end_where_the_robot_can_stand(quick_config):
     place = quick_config.known_place.place
     for index in range(5):

@@ -49,13 +49,16 @@ def test_explore_baseline_sees_the_room():
     assert driven("Explore", 2, place="random", difficulty=0.5)["is_success"]
 
 
+@pytest.mark.slow
 def test_track_baseline_drives_a_path_to_its_end():
     info = driven("Track", 1, place="symmetric_room")
     assert info["is_success"]
     assert info["mean_aside_m"] < 0.05  # it cuts corners by centimetres
 
 
-@pytest.mark.parametrize("task", ["GoTo", "Explore", "Track"])
+@pytest.mark.parametrize(
+    "task", ["GoTo", *(pytest.param(task, marks=pytest.mark.slow) for task in ("Explore", "Track"))]
+)
 def test_policies_never_see_the_simulation(task):
     """Made from the laser alone, they do the same where there is no environment any more."""
     env = gymnasium.make(f"Kitasap2/{task}-v0", place="symmetric_room")

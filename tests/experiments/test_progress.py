@@ -46,6 +46,7 @@ def test_slam_says_that_it_finishes_the_map(shown, tmp_path, monkeypatch):
     assert "finishing" not in text.splitlines()[-1]
 
 
+@pytest.mark.slow
 def test_scans_that_are_tracked_are_counted(shown, tmp_path):
     options = ("--reference", REFERENCE, "--method", "limit", "--out", str(tmp_path))
     text = shown("real-log", LOG, *options)

@@ -21,6 +21,7 @@ EXCERPT = [str(DATA / "fr101-excerpt.clf.gz"), "--reference"]
 REFERENCE = str(DATA / "fr101-excerpt.reference.tum")
 
 
+@pytest.mark.slow
 def test_every_odd_scan_of_the_excerpt_is_tracked(tmp_path, capsys):
     assert main([*EXCERPT, REFERENCE, "--out", str(tmp_path / "out")]) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -48,6 +49,7 @@ def test_motion_over_passed_scans_is_kept(tmp_path):
     np.testing.assert_allclose(motion.as_array(), log_motion.as_array(), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_picture_tells_what_was_disowned_from_what_was_believed_and_wrong(tmp_path):
     result = run(EXCERPT[0], REFERENCE)
     open_ = replace(result.estimates[2], match=ScanMatch(SE2.identity(), MatchStatus.DEGENERATE))

@@ -286,6 +286,7 @@ def test_unfinished_run_is_said_and_the_others_are_reported(folder, tmp_path, ca
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_names_are_words_and_neither_markup_nor_formulas(box_room, tmp_path):
     place = tmp_path / "a<b onload=x>&\"'$y{ $frac{ü.xml"

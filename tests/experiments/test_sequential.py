@@ -19,6 +19,7 @@ def test_interval_where_all_succeed_has_a_closed_form():
     assert rate_interval(0, 0) == (0.0, 1.0)
 
 
+@pytest.mark.slow
 def test_truth_is_left_by_at_most_one_drive_of_looks_in_twenty():
     rng, missed = np.random.default_rng(0), 0
     for _ in range(400):

@@ -130,6 +130,7 @@ def test_each_beam_of_the_fan_sees_the_legs_of_its_own_instant():
     assert on_legs > 20
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_people_and_frames_however_the_steps_are_asked_for():
     def run(seed, by_step=False):
         simulation = crowded("room_fig4", seed=seed)

@@ -109,7 +109,10 @@ with shown(simulation, in_browser=True, port=free_port()) as view:
     [
         pytest.param(SERVES, "done", id="serves this machine alone"),
         pytest.param(
-            STOPPED, "to the whole network: it was stopped", id="stops when it would serve all"
+            STOPPED,
+            "to the whole network: it was stopped",
+            id="stops when it would serve all",
+            marks=pytest.mark.slow,
         ),
         pytest.param(CLOSED, "done", id="ends when closed", marks=pytest.mark.slow),
     ],

@@ -300,7 +300,7 @@ def test_excerpt_of_fr101_is_read_whole():
     [
         ("fr101", 292, 4277, 360),
         ("aces", 440, 7374, 180),
-        ("mit-csail", 1988, 1988, 361),
+        pytest.param("mit-csail", 1988, 1988, 361, marks=pytest.mark.slow),
         pytest.param("intel", 5437, 13631, 180, marks=pytest.mark.slow),
     ],
 )

@@ -85,6 +85,7 @@ def test_pose_is_told_on_the_map_from_the_join_on(both):
     assert steps[0].T_map_base.is_near(SE2.identity(), 1e-9, 1e-9)
 
 
+@pytest.mark.slow
 def test_map_that_was_kept_is_continued_as_the_one_at_hand(first, tmp_path):
     measurements = ring.drive(SECOND[:16], np.random.default_rng(1))
     start = FIRST[0].inverse() @ SECOND[0]
@@ -241,6 +242,7 @@ def test_no_scan_of_a_session_waits_for_what_is_usual_on_the_map_or_for_all_loop
     assert max(asked) == 3
 
 
+@pytest.mark.slow
 def test_no_scan_of_another_laser_waits_for_what_is_usual_for_it(first, monkeypatch):
     # of the laser of the map it is learnt before; of half its beams it took 0.6 s of the first update
     counts = [0]

@@ -84,6 +84,7 @@ def _steps(poses: np.ndarray) -> list[SE2]:
     return [one.inverse() @ other for one, other in itertools.pairwise(placed)]
 
 
+@pytest.mark.slow
 def test_mapper_adjusts_in_the_end(loose, drive):
     mapper = Mapper(ring.T_BASE_LASER)
     for measurement in drive[1]:

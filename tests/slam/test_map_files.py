@@ -214,6 +214,7 @@ def test_other_files_than_yaml_with_keys_are_refused(tmp_path, content):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @SAME_FOLDER
 @given(content=st.binary(max_size=80) | st.text(max_size=80).map(str.encode))
 def test_no_garbage_raises_anything_else(tmp_path, content):

@@ -88,6 +88,7 @@ def test_odometry_that_jumps_by_a_quarter_turn_is_looked_for_and_found(poses):
     assert ate_m(found, poses) < 0.06
 
 
+@pytest.mark.slow
 def test_laser_that_froze_is_carried_by_the_wheels(poses):
     measurements = ring.drive(poses, np.random.default_rng(2), 1.0, 1.0)
     frozen = measurements[100].scan
@@ -206,6 +207,7 @@ def test_map_that_ends_with_neither_scans_nor_wheels_is_called_failed(poses):
     assert "neither scans nor wheels" in found.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(poses):
     # to another corridor, which looks like the one before; no lap to close it
     there = 80

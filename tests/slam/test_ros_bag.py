@@ -52,6 +52,7 @@ def mapped_ate_m(log: Log, recording: Recording) -> float:
     return absolute_errors(found[has], recording.truth.poses[has]).position_m.rmse
 
 
+@pytest.mark.slow
 def test_bag_of_a_turtlebot_maps_as_well_as_the_same_through_carmen(tmp_path, lap):
     write_carmen(tmp_path / "robot.clf", lap)
     write_bag(tmp_path / "robot", lap)

@@ -169,7 +169,7 @@ def corridor(length_m, way_scale, back=True):
     return slam_map, float(absolute_errors(slam_map.trajectory.poses, true).position_m.rmse)
 
 
-@pytest.mark.parametrize("way_scale", [0.9, 1.15])
+@pytest.mark.parametrize("way_scale", [0.9, pytest.param(1.15, marks=pytest.mark.slow)])
 def test_corridor_is_as_long_as_it_is_though_the_wheels_are_not_as_told(way_scale):
     # the ends, each seen for a few metres, are all that tells; the first steps, too, were by wheels
     # of which nothing was known yet
@@ -180,6 +180,7 @@ def test_corridor_is_as_long_as_it_is_though_the_wheels_are_not_as_told(way_scal
     assert abs(length_m - 23.0) < 0.25
 
 
+@pytest.mark.slow
 def test_map_whose_length_nothing_tells_is_called_failed():
     slam_map, _ = corridor(60.0, 1.0, back=False)
     (reason,) = slam_map.verdict.reasons

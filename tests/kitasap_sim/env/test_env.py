@@ -53,7 +53,7 @@ VARIANTS = [
 CHECKED = [
     pytest.param(
         keywords,
-        marks=[] if keywords in ({}, VARIED) else pytest.mark.slow,
+        marks=pytest.mark.slow if keywords else [],
         id="-".join(keywords) or "plain",
     )
     for keywords in VARIANTS
