@@ -29,6 +29,12 @@ _KNOWN_M = 0.3
 """Of a step's own standard deviation; chosen: more, and nothing measured it."""
 
 
+_SILENT = 1e-6
+"""[m], [rad]: wheels that tell of less tell of nothing."""
+_STANDS = 0.05, 0.012
+"""[m], [rad]: what a scan may show of a robot that stands. Chosen."""
+
+
 class DriveMonitor:
     """Follows what scans and wheels of one session tell, scan by scan.
 
@@ -42,6 +48,7 @@ class DriveMonitor:
         self._unknown_m2 = 0.0
         self._along_m2, self._along_from_s = 0.0, 0.0
         self._worst_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self._silent_s: list[float] = []
 
     def take(self, measurement: Measurement, T_before: SE2, step: FrontEndStep) -> None:
         """Notes a scan; T_before: where the front end had placed the one before it."""
@@ -50,10 +57,14 @@ class DriveMonitor:
         self._take_along(step, variance_m2)
         if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
             moved = T_before.inverse() @ step.T_map_base
+            is_measured = variance_m2 < _KNOWN_M**2
+            is_silent = is_measured and _contradicts_silence(measurement.motion, moved)
+            if step.is_open and is_silent:
+                self._silent_s.append(step.time_s)
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
             way_m = math.hypot(measurement.motion.x, measurement.motion.y)
-            if 0.0 < way_m < _JUMP_M and not step.is_open and variance_m2 < _KNOWN_M**2:
+            if 0.0 < way_m < _JUMP_M and not step.is_open and is_measured:
                 along = moved.x * measurement.motion.x + moved.y * measurement.motion.y
                 self._way_m += along / way_m
                 self._way_by_wheels_m += way_m
@@ -81,6 +92,11 @@ class DriveMonitor:
             said.append(
                 f"from {from_s:.2f} to {to_s:.2f} s neither scans nor wheels tell how far the robot"
                 " went: walls along its way look the same all along"
+            )
+        if self._silent_s:
+            said.append(
+                f"at {self._silent_s[0]:.2f} s the wheels stood still, and the robot did not: how far"
+                " it went along walls that look the same nobody knows"
             )
         is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
         if is_mirrored and self._turned_by_wheels > _TURNED:
@@ -124,6 +140,12 @@ def told_by_wheels_alone(from_s: float, to_s: float, way_m: float) -> str:
         f"from {from_s:.2f} to {to_s:.2f} s, over {way_m:.0f} m, no scan tells where the robot is:"
         " these poses are the wheels' alone"
     )
+
+
+def _contradicts_silence(by_wheels: SE2, by_scan: SE2) -> bool:
+    """Whether wheels that say nothing of a step are contradicted by what a scan shows of it."""
+    is_silent = max(abs(by_wheels.x), abs(by_wheels.y), abs(by_wheels.theta)) < _SILENT
+    return is_silent and not by_scan.is_near(SE2.identity(), *_STANDS)
 
 
 def _tells(step: FrontEndStep) -> bool:
