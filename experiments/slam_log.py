@@ -142,10 +142,10 @@ def run(
     mapped = partial(_mapped, known=known, start=start, on_scan=on_scan, observer=observer)
     log = read_log(log_path, choice)
     log.check_sees()
-    if against is not None:
-        _check_same_time(log, against.times_s, reference)
-    if related is not None:
-        _check_same_time(log, related.times_s.ravel(), relations)
+    if against is not None and reference is not None:
+        check_same_time(log, against.times_s, reference)
+    if related is not None and relations is not None:
+        check_same_time(log, related.times_s.ravel(), relations)
     result = replace(_best_mapped(log, mapped), notes=log.notes)
     if map_path is not None:
         result = replace(result, continued=map_path.name)
@@ -182,9 +182,8 @@ def _check_start(known: SlamMap, start: SE2) -> None:
         )
 
 
-def _check_same_time(log: Log, times_s: FloatArray, path: Path | None) -> None:
+def check_same_time(log: Log, times_s: FloatArray, path: Path) -> None:
     """Raises ValueError where nothing of a reference is of the log's time."""
-    assert path is not None
     stamps_s = np.array([record.time_s for record in log.records])
     if not ((times_s >= stamps_s.min()) & (times_s <= stamps_s.max())).any():
         raise ValueError(

@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.table import Table
 
 from experiments.evaluation import Evaluation, evaluated
-from experiments.slam_log import default_mapped
+from experiments.slam_log import check_same_time, default_mapped
 from experiments.tables import wide_console
 from slam.metrics import Relations, read_relations
 from slam.readers.log import Log, LogRecord, LogRecords
@@ -45,6 +45,7 @@ def print_benchmark(log_path: Path, reference: Path, relations: Path | None) -> 
     against, log = read_tum(reference), read_log(log_path)
     related = None if relations is None else read_relations(relations)
     log.check_sees()
+    check_same_time(log, against.times_s, reference)
     if log.scan_count < 2:
         raise ValueError(f"{log_path}: expected two scans and more, one for each half")
     found = measured(log, against, related)

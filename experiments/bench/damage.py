@@ -12,7 +12,7 @@ from rich.table import Table
 
 from experiments.evaluation import evaluated
 from experiments.progress import CountProgress
-from experiments.slam_log import default_mapped
+from experiments.slam_log import check_same_time, default_mapped
 from experiments.tables import wide_console
 from slam.measurements import LaserScan
 from slam.readers.log import Log, LogRecord, LogRecords
@@ -62,6 +62,7 @@ def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) ->
     """
     against, log = read_tum(reference), read_log(log_path)
     log.check_sees()
+    check_same_time(log, against.times_s, reference)
     if log.scan_count < 1.0 / (_INNER[1] - _INNER[0]):
         raise ValueError(f"{log_path}: {log.scan_count} scans are too few to damage some of them")
     found = measured(log, against, repeats, seed)

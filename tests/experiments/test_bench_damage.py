@@ -121,6 +121,17 @@ def test_log_too_short_to_be_damaged_is_refused(tmp_path, capsys, monkeypatch):
     assert said.endswith("1 scans are too few to damage some of them")
 
 
+@pytest.mark.parametrize("bench", ["damage", "continued"])
+def test_reference_of_another_time_is_refused_before_anything_is_mapped(
+    bench, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("experiments.slam_log._mapped", lambda *_, **__: pytest.fail("mapped"))
+    other = tmp_path / "other.tum"
+    other.write_text("9000 0 0 0 0 0 0 1\n9001 1 0 0 0 0 0 1\n")
+    said = refusal(capsys, "bench", bench, str(LOG), "--reference", str(other))
+    assert said.endswith("is it that of another log?")
+
+
 @pytest.mark.slow
 def test_the_excerpt_survives_each_damage_or_says_so(capsys):
     bench = ["bench", "damage", str(LOG), "--reference", str(REFERENCE), "--repeats", "1"]
