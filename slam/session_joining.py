@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.in_steps import Steps
+from slam.in_steps import Steps, all_at_once
 from slam.keyframes import Keyframe
 from slam.known_map import KnownMap, laser_seen
 from slam.look import Look
@@ -105,6 +106,7 @@ class SessionJoiner:
             widest = max((keyframe.beams for keyframe in keyframes), key=len)
             VerdictLimits.usual_for(self._known.relocalizer, widest.cut(laser.range_max_m))
         self._task: Steps[Join | None] | None = None
+        self._found: Join | None = None
         self._announced, self._next = 0, len(keyframes)
         self._keyframes, self._poses = keyframes, poses
         self._backlog: list[int] = []
@@ -122,6 +124,9 @@ class SessionJoiner:
         two scans; inf: none comes any more.
         """
         self._keyframes, self._poses = keyframes, poses
+        if self._found is not None:
+            join, self._found = self._found, None
+            return join
         config = self.config
         most = config.work * (1.0 if time_s <= 1.0 else config.unhurried)
         left = (math.inf if math.isinf(time_s) else most) - self._announced
@@ -132,14 +137,20 @@ class SessionJoiner:
                 self._announced = next(self._task)
             except StopIteration as end:
                 self._task, self._announced = None, 0
-                join: Join | None = end.value
-                if join is not None:
-                    return join
+                found: Join | None = end.value
+                if found is not None:
+                    return found
                 continue
             left -= self._announced
             if left < 0.0:
                 break
         return None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For a copy, here or in another process: what was begun is done first, all at once."""
+        if self._task is not None:
+            self._found, self._task, self._announced = all_at_once(self._task), None, 0
+        return self.__dict__.copy()
 
     def reject(self) -> None:
         """Takes back the last join, which turned out wrong."""

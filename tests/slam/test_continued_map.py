@@ -2,6 +2,7 @@
 
 import io
 import math
+import pickle
 import zipfile
 from dataclasses import replace
 
@@ -182,6 +183,21 @@ def test_map_of_the_first_version_is_read_as_one_session(first, tmp_path):
     again = read_slam_map(path)
     assert again.session_count == 1
     assert {keyframe.session for keyframe in again.keyframes} == {0}
+
+
+@pytest.mark.slow
+def test_mapper_can_be_sent_elsewhere_in_the_middle_of_its_search(first):
+    config = MapperConfig(joining=JoiningConfig(work=5.0))
+    mapper = Mapper.continued(first, ring.T_BASE_LASER, config=config)
+    measurements = iter(ring.drive(SECOND, np.random.default_rng(1)))
+    while mapper._joiner._task is None:
+        mapper.update(next(measurements))
+    elsewhere = pickle.loads(pickle.dumps(mapper))
+    for one in measurements:
+        assert mapper.update(one).T_map_base == elsewhere.update(one).T_map_base
+    here, there = mapper.finish(), elsewhere.finish()
+    assert here.unjoined == ()
+    assert np.array_equal(here.poses, there.poses)
 
 
 @pytest.mark.slow
