@@ -32,12 +32,14 @@ class _Bar:
         self._task = self._bar.add_task(name, total=total, words="")
 
     def __enter__(self) -> Self:
-        self._bar.start()
+        if not self._is_hidden:  # older rich ends a hidden one with an empty line
+            self._bar.start()
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._bar.update(self._task, words=self._last_words)
-        self._bar.stop()
+        if not self._is_hidden:
+            self._bar.update(self._task, words=self._last_words)
+            self._bar.stop()
 
     @property
     def _is_hidden(self) -> bool:

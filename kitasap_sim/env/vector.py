@@ -43,6 +43,7 @@ class KitasapVectorEnv(KeepsSpec, SyncVectorEnv):
     """
 
     ENV: ClassVar[type[KitasapEnv]]
+    _pool: ThreadPoolExecutor | None = None
 
     def __init__(
         self,
@@ -113,6 +114,7 @@ class KitasapVectorEnv(KeepsSpec, SyncVectorEnv):
         def work(_: int) -> list[tuple[int, tuple[_Step, _Last | None]]]:
             return [(i, self._stepped(i, given[i])) for i in left]
 
+        assert self._pool is not None
         with _patient():
             worked = self._pool.map(work, range(self._threads))
             taken = dict(chain.from_iterable(worked))
@@ -136,6 +138,8 @@ class KitasapVectorEnv(KeepsSpec, SyncVectorEnv):
 
     def close_extras(self, **keywords: Any) -> None:
         """Ends the threads and closes all episodes."""
+        if self._pool is None:  # older Gymnasium closes what was refused as well
+            return
         self._pool.shutdown()
         super().close_extras(**keywords)
 

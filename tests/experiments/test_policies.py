@@ -103,7 +103,8 @@ def test_costs_are_those_of_an_obvious_dijkstra():
         if (a, b) != (i, j) and np.isfinite(price[i, j] + price[a, b])
     ]
     start, end, cost = zip(*edges, strict=True)
-    graph = coo_array((cost, (start, end)), shape=(108, 108)).tocsr()
+    ends = np.array([start, end], dtype=np.int32)  # older SciPy takes no others
+    graph = coo_array((cost, tuple(ends)), shape=(108, 108)).tocsr()
     expected = dijkstra(graph, indices=[1 * 9 + 2, 10 * 9 + 8]).min(axis=0).reshape(12, 9)
     np.testing.assert_allclose(costs, expected, rtol=1e-12)
     way = kernels.way_down(costs, np.array([0, 0]), 40)
