@@ -17,6 +17,7 @@ import numpy as np
 from kitasap_sim.built_places import Block
 from kitasap_sim.rectangles import rectangles
 from slam.arrays import BoolArray, FloatArray
+from slam.text_fields import in_one_line
 from slam.whole_files import read_at_most
 from slam.yaml_files import shown
 
@@ -79,7 +80,8 @@ def read_house(path: Path) -> House:
 
 def _house(fields: object) -> House:
     if not isinstance(fields, dict) or "verts" not in fields:
-        found = ", ".join(fields)[:80] or "none" if isinstance(fields, dict) else shown(fields)
+        names = in_one_line(", ".join(fields), 80) if isinstance(fields, dict) else shown(fields)
+        found = names or "none"
         raise ValueError(f"expected a house of HouseExpo, with the key verts (found: {found})")
     verts = fields["verts"]
     if not isinstance(verts, list) or not 3 <= len(verts) <= _MOST_CORNERS:

@@ -21,6 +21,7 @@ from PIL import Image, UnidentifiedImageError
 
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.se2 import FARTHEST_M, SE2
+from slam.text_fields import in_one_line
 from slam.whole_files import read_at_most, write_whole
 from slam.yaml_files import read_yaml, shown
 
@@ -161,8 +162,8 @@ def _read_header(path: Path) -> _Header:
 
 def _field(fields: dict[object, object], key: str, path: Path) -> object:
     if key not in fields:
-        known = ", ".join(map(str, fields)) or "none"
-        raise ValueError(f"{path.name}: the key {key} is missing (found: {known[:200]})")
+        known = in_one_line(", ".join(map(str, fields)), 200) or "none"
+        raise ValueError(f"{path.name}: the key {key} is missing (found: {known})")
     return fields[key]
 
 

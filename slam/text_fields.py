@@ -1,4 +1,4 @@
-"""Numbers in a line of a text file of strangers."""
+"""Text of strangers: numbers in a line of a file, and what is shown of the rest."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from collections.abc import Sequence
 
 _SHOWN = 40
 """Letters of what is none."""
+
+
+def in_one_line(text: str, most: int) -> str:
+    """So many letters of a stranger's text; what would end a line, or cannot be seen, as '?'."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text[:most])
 
 
 def numbers(fields: Sequence[str], place: str) -> list[float]:

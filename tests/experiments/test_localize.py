@@ -202,6 +202,7 @@ def test_teleported_robot_notices_and_finds_itself(tmp_path):
         (b"image: [", "not a YAML file"),
         (b"", "expected keys such as image and resolution, found nothing"),
         (b"resolution: 0.05\norigin: [0, 0, 0]\n", "the key image is missing"),
+        (b'"resol\\Nution": 0.05\norigin: [0, 0, 0]\n', "(found: resol?ution, origin)"),
     ],
 )
 def test_map_that_is_none_is_refused(text, said, tmp_path, capsys):

@@ -173,6 +173,7 @@ def test_slanted_walls_become_small_steps(tmp_path):
         ("\x00\x01", "not a JSON file ("),
         ("7", "expected a house of HouseExpo, with the key verts (found: 7)"),
         ({"a": 1}, "expected a house of HouseExpo, with the key verts (found: a)"),
+        ({"a\x85b": 1}, "expected a house of HouseExpo, with the key verts (found: a?b)"),
         ({"verts": "abc"}, "verts must be 3 to 5000 points [x, y], not 'abc'"),
         ({"verts": [[0, 0]] * 5001}, "verts must be 3 to 5000 points [x, y], not 5001"),
         ({"verts": [[0, 0], [1, 0], [1, math.nan]]}, "verts must be points [x, y] in metres"),
