@@ -38,6 +38,8 @@ _STANDS = 0.05, 0.012
 class DriveMonitor:
     """Follows what scans and wheels of one session tell, scan by scan.
 
+    A step that the wheels deny, where the scan leaves a direction open, may have been far longer.
+
     most_blind_m: by the wheels alone; after more, nobody knows how far these were off.
     """
 
@@ -48,7 +50,7 @@ class DriveMonitor:
         self._unknown_m2 = 0.0
         self._along_m2, self._along_from_s = 0.0, 0.0
         self._worst_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
-        self._silent_s: list[float] = []
+        self._denied_s: float | None = None
 
     def take(self, measurement: Measurement, T_before: SE2, step: FrontEndStep) -> None:
         """Notes a scan; T_before: where the front end had placed the one before it."""
@@ -58,9 +60,9 @@ class DriveMonitor:
         if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
             moved = T_before.inverse() @ step.T_map_base
             is_measured = variance_m2 < _KNOWN_M**2
-            is_silent = is_measured and _contradicts_silence(measurement.motion, moved)
-            if step.is_open and is_silent:
-                self._silent_s.append(step.time_s)
+            is_denied = is_measured and _deny(measurement.motion, moved)
+            if step.is_open and is_denied and self._denied_s is None:
+                self._denied_s = step.time_s
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
             way_m = math.hypot(measurement.motion.x, measurement.motion.y)
@@ -93,9 +95,9 @@ class DriveMonitor:
                 f"from {from_s:.2f} to {to_s:.2f} s neither scans nor wheels tell how far the robot"
                 " went: walls along its way look the same all along"
             )
-        if self._silent_s:
+        if self._denied_s is not None:
             said.append(
-                f"at {self._silent_s[0]:.2f} s the wheels stood still, and the robot did not: how far"
+                f"at {self._denied_s:.2f} s the wheels stood still, and the robot did not: how far"
                 " it went along walls that look the same nobody knows"
             )
         is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
@@ -142,8 +144,8 @@ def told_by_wheels_alone(from_s: float, to_s: float, way_m: float) -> str:
     )
 
 
-def _contradicts_silence(by_wheels: SE2, by_scan: SE2) -> bool:
-    """Whether wheels that say nothing of a step are contradicted by what a scan shows of it."""
+def _deny(by_wheels: SE2, by_scan: SE2) -> bool:
+    """Whether wheels say that the robot stood, where a scan shows that it did not."""
     is_silent = max(abs(by_wheels.x), abs(by_wheels.y), abs(by_wheels.theta)) < _SILENT
     return is_silent and not by_scan.is_near(SE2.identity(), *_STANDS)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -30,7 +30,7 @@ from slam.readers.log_odometry import (
     unknown_motion,
 )
 from slam.readers.no_return import NoReturnSearch
-from slam.readers.silent_wheels import SilentWheels
+from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.se2 import SE2
 from slam.text_fields import numbers
 
@@ -84,7 +84,8 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
     for number, fields in _lines(path):
         survey.add(fields, f"{path.name} line {number}", config)
     laser = survey.chosen_laser(config)
-    has_odometry = survey.has_odometry(laser)
+    has_poses, is_silent = survey.has_poses(laser), survey.is_silent(laser)
+    has_odometry = has_poses and not is_silent
     return Log(
         name=path.name,
         T_base_laser=survey.mounting(laser, config),
@@ -96,6 +97,7 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
         noise=config.noise.covariance if has_odometry else unknown_motion,
         has_odometry=has_odometry,
         is_blind=survey.codes[laser].is_blind,
+        notes=(SILENT,) if has_poses and is_silent else (),
     )
 
 
@@ -148,9 +150,9 @@ class _Survey:
     parameters: dict[str, float] = field(default_factory=dict)
     mountings: dict[str, _Mounting] = field(default_factory=dict)
     codes: dict[str, NoReturnSearch] = field(default_factory=dict)
-    wheels: dict[str, SilentWheels] = field(default_factory=dict)
-    T_odom_first: SE2 | None = None
-    has_moved: bool = False
+    wheels: defaultdict[str, SilentWheels] = field(
+        default_factory=lambda: defaultdict(SilentWheels)
+    )
     T_odom_last: SE2 | None = None
 
     def add(self, fields: list[str], place: str, config: CarmenConfig) -> None:
@@ -158,8 +160,7 @@ class _Survey:
         name = fields[0]
         if name == "ODOM":
             _, self.T_odom_last = odometry_of(fields, place)
-            self.T_odom_first = self.T_odom_first or self.T_odom_last
-            self.has_moved = self.has_moved or self.T_odom_last != self.T_odom_first
+            self.wheels[name].add_pose(self.T_odom_last)
         elif name == "PARAM":
             if len(fields) > 2 and fields[1] in _PARAMETERS:
                 self.parameters[fields[1]] = numbers(fields[2:3], place)[0]
@@ -180,10 +181,9 @@ class _Survey:
         position = None if near is None else (near.x, near.y)
         codes = self.codes.setdefault(name, NoReturnSearch())
         codes.add(line.ranges_m, line.step_rad, position)
-        wheels = self.wheels.setdefault(name, SilentWheels())
         if T_odom_base is not None:
-            wheels.add_pose(T_odom_base)
-        wheels.add_scan(line.ranges_m)
+            self.wheels[name].add_pose(T_odom_base)
+        self.wheels[name].add_scan(line.ranges_m)
 
     def chosen_laser(self, config: CarmenConfig) -> str:
         """The name of the lines that are the scans. Raises ValueError where there are none."""
@@ -194,12 +194,13 @@ class _Survey:
         kinds = "FLASER, ROBOTLASER1 or RAWLASER" if config.laser is None else config.laser
         raise ValueError(f"{self.name}: no {kinds} line, so no scan to work with")
 
-    def has_odometry(self, laser: str) -> bool:
-        """Whether poses are told, by the lines of a laser or lines of their own, that say anything."""
-        if self.has_moved:
-            return True
-        is_told = laser in ("FLASER", "ROBOTLASER1") or self.counts["ODOM"] > 0
-        return is_told and not self.wheels[laser].is_silent
+    def has_poses(self, laser: str) -> bool:
+        """Whether poses are told, by the lines of a laser or by lines of their own."""
+        return laser in ("FLASER", "ROBOTLASER1") or self.counts["ODOM"] > 0
+
+    def is_silent(self, laser: str) -> bool:
+        """Whether none of these says anything."""
+        return not self.wheels["ODOM"].has_moved and self.wheels[laser].is_silent
 
     def fan_of(self, laser: str) -> Fan:
         """What the lines do not tell of their beams, with what the log shows of it."""

@@ -63,7 +63,7 @@ class Log:
     has_odometry: False where the log has scans alone; the motions are then nothing but a guess.
     is_blind: True where no beam of any scan came back.
     wheels: of a log of encoder ticks; with_wheels: the same log by other wheels. notes: in words, what
-    of a recording with several sensors was taken.
+    was taken of a recording with several sensors, and of poses that say nothing.
     """
 
     name: str
@@ -111,7 +111,8 @@ class MotionSinceScan:
         """The measurement that a record with a scan makes; None where it has none."""
         if self._T_odom_last is not None:
             step = self._T_odom_last.inverse() @ record.T_odom_base
-            noise = self._noise(step) + self._gaps.covariance(record.time_s, step)
+            noise, unseen = self._noise(step), self._gaps.covariance(record.time_s, step)
+            noise = noise if unseen is None else noise + unseen
             self._covariance = compose_covariance(self._covariance, step, noise)
             self._motion = self._motion @ step
         self._T_odom_last = record.T_odom_base

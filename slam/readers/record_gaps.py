@@ -33,17 +33,17 @@ class RecordGaps:
         self._last_s = math.nan
         self._intervals_s: deque[float] = deque(maxlen=_INTERVALS)
 
-    def covariance(self, time_s: float, motion: SE2) -> FloatArray:
+    def covariance(self, time_s: float, motion: SE2) -> FloatArray | None:
         """(3, 3) to be added to that of the motion since the last record, in the robot's frame at its
-        end; 0 where none is missing."""
+        end; None where none is missing."""
         elapsed_s, self._last_s = time_s - self._last_s, time_s
-        usual_s = statistics.median(self._intervals_s) if self._intervals_s else math.inf
         if elapsed_s > 0.0:  # neither the first nor stamps that go back
             self._intervals_s.append(elapsed_s)
         has_moved = math.hypot(motion.x, motion.y) > _MOVED_M or abs(motion.theta) > _MOVED_RAD
-        is_gap = elapsed_s > max(_USUALS * usual_s, _LEAST_S)
-        if not (is_gap and has_moved and len(self._intervals_s) == _INTERVALS):
-            return np.zeros((3, 3))
+        if not has_moved or len(self._intervals_s) < _INTERVALS:
+            return None
+        if not elapsed_s > max(_USUALS * statistics.median(self._intervals_s), _LEAST_S):
+            return None
         way_m = _SPEED_MPS * min(elapsed_s, _LONGEST_S)
         heading = _RAD_PER_SQRT_M**2 * way_m
         lever_m2 = (motion.x**2 + motion.y**2 + _STRAIGHT_M * way_m) / 3.0

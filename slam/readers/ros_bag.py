@@ -25,7 +25,7 @@ from slam.readers.log_odometry import (
 )
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.scan_message import ScanMessage
-from slam.readers.silent_wheels import SilentWheels
+from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.readers.stamp_order import in_stamp_order
 from slam.readers.transforms import Mounting, Transforms, frame_name, planar
 from slam.se2 import SE2
@@ -78,6 +78,8 @@ def read_ros_bag(
     if survey.scans == 0:
         raise ValueError(f"{bag.name}: no scan on {sources.scans} has a beam; {bag.listed()}")
     has_odometry = sources.odometry is not None and not survey.wheels.is_silent
+    if sources.odometry is not None and not has_odometry:
+        notes.append(SILENT)
     return Log(
         name=bag.name,
         T_base_laser=sources.mounting.T_base_laser,

@@ -16,16 +16,19 @@ _LEAST_BEAMS = 10
 """Chosen, all of these."""
 
 
+SILENT = "its poses never change, and its scans do: the scans alone tell the motion"
+
+
 class SilentWheels:
     """Told of a log's poses and scans, whether its wheels were silent while the robot drove.
 
     Logs of scans alone often have poses all the same, where a format asks for some. A robot that
-    stood has such poses as well: its scans are about the same.
+    stood has such poses as well: its scans are about the same. has_moved: two poses differ.
     """
 
     def __init__(self) -> None:
         self._T_first: SE2 | None = None
-        self._has_moved = False
+        self.has_moved = False
         self._first_m: FloatArray | None = None
         self._scans = self._others = 0
 
@@ -33,11 +36,11 @@ class SilentWheels:
         """One pose of the odometry."""
         if self._T_first is None:
             self._T_first = T_odom_base
-        self._has_moved = self._has_moved or T_odom_base != self._T_first
+        self.has_moved = self.has_moved or T_odom_base != self._T_first
 
     def add_scan(self, ranges_m: FloatArray) -> None:
         """One scan; without a return where a range is not finite."""
-        if self._has_moved:
+        if self.has_moved:
             return
         if self._first_m is None or len(self._first_m) != len(ranges_m):
             self._first_m = ranges_m
@@ -52,4 +55,4 @@ class SilentWheels:
     @property
     def is_silent(self) -> bool:
         """Whether the poses, if there were any, are to be taken for none."""
-        return not self._has_moved and self._others > _LEAST_SCANS * self._scans
+        return not self.has_moved and self._others > _LEAST_SCANS * self._scans

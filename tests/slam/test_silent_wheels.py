@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.readers.recognition import read_log
-from slam.readers.silent_wheels import SilentWheels
+from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.se2 import SE2
 from tests.slam.turtlebot import Recording, write_bag
 
@@ -60,6 +60,7 @@ def zeroed(path: Path, is_still: bool, with_odometry: bool) -> Path:
 def test_log_of_poses_that_never_change_has_scans_alone(tmp_path, with_odometry):
     log = read_log(zeroed(tmp_path / "robot.clf", False, with_odometry))
     assert not log.has_odometry
+    assert log.notes == (SILENT,)
     least = min(np.diag(one.motion_covariance)[0] for one in list(log.measurements())[1:])
     assert least > 0.5
 
