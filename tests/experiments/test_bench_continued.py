@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from experiments.bench.continued import halves, measured
 from experiments.cli import main
 from slam.readers.recognition import read_log
@@ -34,6 +36,7 @@ def test_both_ways_are_judged_by_all_scans_and_the_map_is_the_same_when_read():
     assert found.scans == log.scan_count - log.scan_count // 2
 
 
+@pytest.mark.slow
 def test_session_that_never_sees_the_map_is_not_joined_and_ends_with_status_1(capsys):
     # the excerpt drives on and on
     assert main(["bench", "continued", str(LOG), "--reference", str(REFERENCE)]) == 1

@@ -160,6 +160,7 @@ def _stands_in(monkeypatch, code: str) -> None:
     )
 
 
+@pytest.mark.slow
 def test_command_fuzzes_a_reader_and_says_how_much(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["bench", "fuzz", "kitti", "--inputs", "30", "--minutes", "0.5"]) == 0

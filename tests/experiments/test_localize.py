@@ -308,6 +308,7 @@ def blind_log(tmp_path) -> Path:
     return tmp_path / "blind.clf"
 
 
+@pytest.mark.slow
 def test_robot_that_sees_nothing_claims_nothing(office, blind_log, tmp_path):
     # its poses once were those of the wheels from (0, 0, 0), good to 10 cm
     folder = localized(office, blind_log, tmp_path / "out", status=1)

@@ -99,6 +99,7 @@ def test_more_trials_do_the_missing_ones_only(tmp_path, run_trials, monkeypatch)
     assert results(tmp_path / "grown/localization") == results(tmp_path / "fresh/localization")
 
 
+@pytest.mark.slow
 def test_fewer_trials_are_counted_alone_but_none_is_forgotten(tmp_path, run_trials):
     folder = tmp_path / "localization"
     assert run_trials(tmp_path, 3) == 0

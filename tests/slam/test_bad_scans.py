@@ -124,7 +124,7 @@ def test_good_scan_with_bad_beam_times_is_still_matched(name, wrong, seed):
         assert_sane(estimate, at, name)
 
 
-@pytest.mark.parametrize("reach_m", [0.3, 3.0, 10.0, 100.0])
+@pytest.mark.parametrize("reach_m", [0.3, pytest.param(3.0, marks=pytest.mark.slow), 10.0, 100.0])
 @pytest.mark.parametrize("name", METHODS)
 def test_random_ranges_match_nothing(name, reach_m):
     rng = np.random.default_rng(0)

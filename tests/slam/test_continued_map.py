@@ -241,6 +241,7 @@ def test_search_of_a_whole_map_is_spread_over_the_scans(first, monkeypatch):
     assert slam_map.unjoined == ()
 
 
+@pytest.mark.slow
 def test_no_scan_of_a_session_waits_for_what_is_usual_on_the_map_or_for_all_loops_at_once(
     first, monkeypatch
 ):

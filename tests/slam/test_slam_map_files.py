@@ -176,6 +176,7 @@ def test_old_map_is_whole_when_writing_fails(slam_map, tmp_path, monkeypatch):
     assert [one.name for one in tmp_path.iterdir()] == ["map.kitasap"]
 
 
+@pytest.mark.slow
 def test_robot_finds_itself_on_a_map_that_was_read(slam_map, tmp_path):
     write_slam_map(tmp_path / "map.kitasap", slam_map)
     localizer = read_slam_map(tmp_path / "map.kitasap").localizer(ring.T_BASE_LASER)

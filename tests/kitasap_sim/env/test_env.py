@@ -149,7 +149,9 @@ def test_a_spec_with_objects_for_keywords_is_json_and_made_again_is_the_same(tmp
         env.close()
 
 
-@pytest.mark.parametrize("mode", [pytest.param("sync", marks=pytest.mark.slow), "async", None])
+@pytest.mark.parametrize(
+    "mode", [*(pytest.param(mode, marks=pytest.mark.slow) for mode in ("sync", "async")), None]
+)
 def test_vector_envs_give_what_single_ones_do(mode):
     keywords = {"difficulty": 0.3, "max_episode_steps": 15}
     vector = gymnasium.make_vec(IDS[0], 2, mode, **keywords)
