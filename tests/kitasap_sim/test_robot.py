@@ -1,5 +1,6 @@
 import math
 import time
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -29,15 +30,19 @@ def test_a_fan_can_be_replaced_and_put_back():
     assert with_fan(other, laser("urg_04lx"), KITASAP2.axle_height_m) == xml
 
 
-def test_the_robots_file_loads_in_tens_of_milliseconds_of_processor_time():
+def test_the_robots_file_is_loaded_hardly_slower_than_python_parses_it():
     xml = ROBOT_XML.read_text()
-    cpu_s = []
-    for _ in range(5):
-        started_s = time.process_time()
-        mujoco.MjModel.from_xml_string(xml)
-        cpu_s.append(time.process_time() - started_s)
-    # <replicate> took 2.4 s; written out it takes 0.011 s here, so a factor of ten is left
-    assert min(cpu_s) < 0.1
+
+    def least_cpu_s(load) -> float:
+        cpu_s = []
+        for _ in range(5):
+            started_s = time.process_time()
+            load(xml)
+            cpu_s.append(time.process_time() - started_s)
+        return min(cpu_s)
+
+    # 2.4 times as slow; with <replicate> for the fan it took 2 s, 500 times what is parsed here
+    assert least_cpu_s(mujoco.MjModel.from_xml_string) < 30.0 * least_cpu_s(ElementTree.fromstring)
 
 
 def test_every_name_the_code_uses_is_in_the_file():

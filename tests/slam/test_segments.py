@@ -85,14 +85,24 @@ def test_backwards_along_x_is_one_direction_whichever_its_sign():
     assert len(joined(both)) == 1
 
 
-def test_walls_of_a_building_are_joined_in_time():
-    # 2 x 10 000 pieces on 2000 lines: each with each took 2.3 s
-    at = np.arange(1000.0)
-    rows = np.stack([np.column_stack([0 * at, at]), np.column_stack([0 * at + 9.9, at])], axis=1)
-    pieces = split(np.concatenate([rows, rows[:, ::-1, ::-1]]), 10)
-    begin_s = time.process_time()
-    assert len(joined(pieces)) == 2000
-    assert time.process_time() - begin_s < 1.0
+def building(lines: int) -> np.ndarray:
+    """So many parallel walls, half of them either way, each in ten pieces."""
+    at = np.arange(0.5 * lines)
+    ends = [np.column_stack([np.full_like(at, x), at]) for x in (0.0, 9.9)]
+    rows = np.stack(ends, axis=1)
+    return split(np.concatenate([rows, rows[:, ::-1, ::-1]]), 10)
+
+
+def test_time_of_joining_grows_with_the_walls_and_not_with_their_square():
+    spent_s = {200: [], 1600: []}
+    pieces = {lines: building(lines) for lines in spent_s}
+    for _ in range(4):  # by turns, so that both meet the machine in the same mood
+        for lines, spent in spent_s.items():
+            begin_s = time.process_time()
+            assert len(joined(pieces[lines])) == lines
+            spent.append(time.process_time() - begin_s)
+    # eight times as many take 8 times as long; where each met each, it was 50
+    assert min(spent_s[1600]) < 20.0 * min(spent_s[200])
 
 
 def test_pieces_of_opposite_directions_stay_apart():
