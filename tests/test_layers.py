@@ -246,7 +246,7 @@ def loaded_after(code: str, *modules: str) -> list[str]:
     "module",
     [
         "slam.kernels.facings",
-        "kitasap_sim.env.kernels",
+        pytest.param("kitasap_sim.env.kernels", marks=pytest.mark.slow),
         pytest.param("kitasap_sim.range_errors", marks=pytest.mark.slow),
         pytest.param("slam.kernels.normal_equations", marks=pytest.mark.slow),
     ],

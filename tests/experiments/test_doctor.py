@@ -90,6 +90,7 @@ def test_without_opengl_only_pictures_are_missing(monkeypatch):
     assert "libegl1" in check.mend or "MUJOCO_GL=egl" in check.mend
 
 
+@pytest.mark.slow
 def test_opengl_with_which_mujoco_cannot_be_loaded_is_one_fault_with_its_own_mend(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     check = doctor._rendering()

@@ -81,6 +81,7 @@ def test_robot_carried_anywhere_notices_it_and_finds_itself():
     assert "looks" not in record["methods"]["paper"]  # plain ICP has its one scan
 
 
+@pytest.mark.slow
 def test_carried_anywhere_ends_anywhere(quick_config):
     config = replace(quick_config, poses="anywhere")
     ends = np.array([run_trial(config, generator("kidnap", 0, i)).true_poses[-1] for i in range(4)])

@@ -101,6 +101,7 @@ def test_map_counts_how_the_trials_ended_and_those_that_raised(written):
     assert texts.count("(2)") == 2
 
 
+@pytest.mark.slow
 def test_map_of_many_trials_is_of_their_rates(written):
     records = [trial(index) for index in range(200)]
     folder = written(records, poses="random")
@@ -203,6 +204,7 @@ def test_right_place_is_told_by_its_spot_and_then_its_heading():
     assert _right(look("lost", False, (RIVAL, -1.0)), true_m, None) is None
 
 
+@pytest.mark.slow
 def test_records_of_older_logs_give_the_map_alone(written):
     record = trial(0)
     for method in record["methods"].values():

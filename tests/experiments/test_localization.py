@@ -48,6 +48,7 @@ def test_open3d_finds_back_from_the_hard_starts(place, pose, offset):
     assert match.status is MatchStatus.MATCHED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "pose", "offset"), HARD_STARTS)
 def test_hard_starts_are_hard(place, pose, offset):
     # 7 to 8 cm off, and sure of it: without this the test above would prove nothing

@@ -123,6 +123,7 @@ def test_what_is_believed_is_near_the_reference(run_of, request):
     np.testing.assert_allclose([float(row["time"]) for row in rows], stamps, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_given_start_is_believed_at_the_first_scan(known_start, unknown_start):
     assert verdicts(known_start)[0]["status"] == "tracking"
     assert verdicts(unknown_start)[0]["status"] != "tracking"

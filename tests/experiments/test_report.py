@@ -81,8 +81,8 @@ def folder(box_room, tmp_path_factory) -> Path:
         Run("localization", small, 5, 12, out / "localization").execute(1, lambda *_: None)
         Run("kidnap", kidnaps, 5, 2, out / "kidnap").execute(1, lambda *_: None)
         patch.setattr(runs, "trial_result", kept)
-        # the first twenty seconds of a drive: a map is a map
-        patch.setattr(mapping, "measured", lambda *drive: islice(measured(*drive), 200))
+        # the first six seconds of a drive: a map is a map
+        patch.setattr(mapping, "measured", lambda *drive: islice(measured(*drive), 60))
         Run("mapping", drives, 5, 1, out / "mapping").execute(1, lambda *_: None)
     keep_maps(out / "mapping", results)
     return out

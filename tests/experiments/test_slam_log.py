@@ -79,6 +79,7 @@ def test_each_pose_is_there_to_be_read_when_its_scan_arrived(tmp_path, monkeypat
         seen.append((index, len(read), read.poses[-1], step.T_map_base.as_array()))
 
     monkeypatch.setattr("experiments.progress.SlamProgress.update", follow)
+    monkeypatch.setattr("experiments.figures.slam_map_picture", lambda *_: None)
     assert main(["slam", str(LOG), "--out", str(tmp_path)]) == 0
     assert [count for _, count, _, _ in seen] == [index + 1 for index, _, _, _ in seen]
     for _, _, read, told in seen:

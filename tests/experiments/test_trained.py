@@ -68,7 +68,15 @@ def test_file_without_a_network_is_refused_by_name(tmp_path, content):
 
 
 @pytest.mark.parametrize("latency_s", [0.0, 0.1])
-@pytest.mark.parametrize("action", [(1.0, 0.0), (1.0, 0.3), (0.6, -0.2), (0.8, 1.0)])
+@pytest.mark.parametrize(
+    "action",
+    [
+        (1.0, 0.0),
+        pytest.param((1.0, 0.3), marks=pytest.mark.slow),
+        pytest.param((0.6, -0.2), marks=pytest.mark.slow),
+        (0.8, 1.0),
+    ],
+)
 def test_whatever_the_network_says_the_robot_stops_before_what_it_saw(action, latency_s):
     env = gymnasium.make("Kitasap2/GoTo-v0", place="symmetric_room", latency_s=latency_s)
     surroundings = Surroundings(env.unwrapped.laser)

@@ -222,6 +222,7 @@ def test_who_comes_late_still_gets_the_map_and_the_mounting(bag):
         assert {key: profile[key] for key in expected} == expected, topic
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (PROGRAMS / "evo_ape").exists(), reason="evo is not installed")
 def test_evo_finds_the_same_error_in_the_bag(bag, tmp_path):
     result = tmp_path / "ape.zip"

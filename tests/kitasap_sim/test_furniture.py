@@ -35,6 +35,7 @@ def points_near(place, spot_m, reach_m):
     return points[np.hypot(*(points - spot_m).T) < reach_m]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PLACES)
 def test_every_place_has_something_that_can_be_pushed(name):
     place = Place(name)

@@ -67,7 +67,7 @@ MESH = '<mesh name="m" file="/etc/passwd"/>'
         (room('<include file="place.xml"/>'), "is not a valid MJCF file: "),
         (room('<include file="/dev/zero"/>'), "is not a valid MJCF file: "),
         (room('<geom type="box" size="nan 1 1"/>'), "has a nan in place of a number"),
-        (ENDLESS, TOO_MUCH),
+        pytest.param(ENDLESS, TOO_MUCH, marks=pytest.mark.slow),
         (room(assets=FIELD), TOO_MUCH),
         (room(assets=f"<asset>{TEXTURE}</asset>"), "does not compile: "),
         (room(assets='<size memory="100G"/>'), "does not compile: "),

@@ -31,7 +31,7 @@ def walked(simulation, duration_s, every_s=0.05):
 @pytest.mark.parametrize("name", PLACES)
 def test_no_leg_is_ever_within_a_solid_or_the_robot(name):
     place = Place(name)
-    legs, robot = walked(crowded(place, None, people=4), 30.0, every_s=0.1)
+    legs, robot = walked(crowded(place, None, people=4), 15.0, every_s=0.1)
     points = legs.reshape(-1, 2)
     for height_m in (0.10, 0.40):
         gaps_m, _ = cKDTree(place.map_at(height_m).points_m(0.01)).query(points)
@@ -183,6 +183,7 @@ def test_a_reset_spreads_people_anew_and_away_from_the_robot():
         before = legs
 
 
+@pytest.mark.slow
 def test_the_hand_carries_the_robot_through_people_as_it_does_without(box_room):
     placed = []
     for people in (0, 2):

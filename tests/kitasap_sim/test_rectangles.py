@@ -18,7 +18,7 @@ def times_covered(boxes: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return counts
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(arrays(bool, array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.booleans()))
 def test_rectangles_cover_the_mask_exactly_and_nothing_twice(mask):
     boxes = rectangles(mask, mask.size)

@@ -44,6 +44,7 @@ def test_without_opengl_only_pictures_are_missing_and_the_message_says_what_to_i
     assert np.isfinite(simulation.next_frame().ranges_m).sum() > 600
 
 
+@pytest.mark.slow
 def test_physics_needs_no_opengl():
     code = (
         "import sys, numpy as np\n"

@@ -94,6 +94,7 @@ def test_the_ideal_robot_closes_a_square_of_ten_metres_within_a_millimetre(open_
     assert np.hypot(*simulation.truth().pose[:2]) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_robot_as_built_drifts_by_centimetres_mirrored_with_the_sense_of_the_square(
     open_floor, make
 ):

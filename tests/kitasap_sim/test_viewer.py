@@ -107,7 +107,7 @@ with shown(simulation, in_browser=True, port=free_port()) as view:
 @pytest.mark.parametrize(
     ("code", "said"),
     [
-        pytest.param(SERVES, "done", id="serves this machine alone"),
+        pytest.param(SERVES, "done", id="serves this machine alone", marks=pytest.mark.slow),
         pytest.param(
             STOPPED,
             "to the whole network: it was stopped",

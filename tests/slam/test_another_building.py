@@ -24,7 +24,14 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("smaller", marks=pytest.mark.slow),
+        pytest.param("with a table", marks=pytest.mark.slow),
+        "of the same shape",
+    ],
+)
 def test_another_building_is_never_taken_for_the_map(room, name):
     sure = 0
     for seed, at in enumerate([SE2(1.4, 1.6, 0.3), SE2(3.1, 1.1, 2.0), SE2(2.2, 2.0, -1.0)]):

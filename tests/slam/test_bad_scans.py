@@ -20,6 +20,9 @@ LASER = SE2(0.12, 0.0, 0.0)
 STEP = SE2(0.02, 0.0, 0.01)
 NOISE = np.diag([0.002, 0.001, 0.002]) ** 2
 ROOM = matchers(ROOM_SEGMENTS)
+OPEN3D_IS_SLOW = [
+    pytest.param(name, marks=pytest.mark.slow) if name == "open3d" else name for name in METHODS
+]
 FEW = settings(
     max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck)
 )
@@ -66,7 +69,7 @@ def after(name: str, scans: list[LaserScan], told: SE2 = STEP) -> list[tuple[Est
     return pairs
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", OPEN3D_IS_SLOW)
 @FEW
 @given(ranges_m=st.lists(RANGES_M, max_size=160))
 def test_any_mixture_of_ranges_leaves_a_sane_pose(name, ranges_m):
@@ -75,7 +78,7 @@ def test_any_mixture_of_ranges_leaves_a_sane_pose(name, ranges_m):
         assert_sane(estimate, true, name)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", OPEN3D_IS_SLOW)
 @FEW
 @given(
     ranges_m=st.lists(RANGES_M, min_size=2, max_size=160),
@@ -91,7 +94,7 @@ def test_so_do_scans_with_beam_times(name, ranges_m, spread_s, wrong):
         assert_sane(estimate, true, name)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", OPEN3D_IS_SLOW)
 @FEW
 @given(
     wrong=st.lists(st.tuples(st.integers(0, len(ANGLES_RAD) - 1), RANGES_M), max_size=150),
@@ -107,7 +110,7 @@ def test_good_scan_with_bad_beams_gives_no_sure_wrong_pose(name, wrong, seed):
         assert_sane(estimate, at, name)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", OPEN3D_IS_SLOW)
 @FEW
 @given(
     wrong=st.lists(st.tuples(st.integers(0, len(ANGLES_RAD) - 1), NO_TIME_S), max_size=150),
@@ -125,7 +128,7 @@ def test_good_scan_with_bad_beam_times_is_still_matched(name, wrong, seed):
 
 
 @pytest.mark.parametrize("reach_m", [0.3, pytest.param(3.0, marks=pytest.mark.slow), 10.0, 100.0])
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", OPEN3D_IS_SLOW)
 def test_random_ranges_match_nothing(name, reach_m):
     rng = np.random.default_rng(0)
     scans = [

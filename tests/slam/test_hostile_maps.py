@@ -187,7 +187,12 @@ def kitasap_map(path: Path, shape: tuple[int, ...], content_bytes: int) -> Path:
     ("shape", "content_bytes", "said"),
     [
         ((10**15,), 8, "cut, damaged or something else"),
-        ((40_000_000,), 320_000_000, "more than the 250 MB that are read of one"),
+        pytest.param(
+            (40_000_000,),
+            320_000_000,
+            "more than the 250 MB that are read of one",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_maps_of_ours_that_claim_too_much_are_refused(tmp_path, shape, content_bytes, said):

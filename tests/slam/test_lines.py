@@ -49,7 +49,10 @@ def test_sigmas_of_a_line_are_those_seen_over_many_scans():
     assert 0.7 < directions.std() / lines[0].sigma_direction_rad < 1.15
 
 
-@pytest.mark.parametrize("radius_m", [1.0, 2.0, 3.0])
+@pytest.mark.parametrize(
+    "radius_m",
+    [pytest.param(1.0, marks=pytest.mark.slow), 2.0, pytest.param(3.0, marks=pytest.mark.slow)],
+)
 def test_round_wall_gives_no_line(radius_m):
     rng = np.random.default_rng(2)
     count = 0

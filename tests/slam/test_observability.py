@@ -98,8 +98,8 @@ def test_single_wall_is_never_matched_and_holds_what_it_can(name, of_wall):
 @pytest.mark.parametrize(
     "name",
     [
-        "paper",
-        "open3d",
+        pytest.param("paper", marks=pytest.mark.slow),
+        pytest.param("open3d", marks=pytest.mark.slow),
         "fast",
         "limit",
     ],

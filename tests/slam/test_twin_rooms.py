@@ -67,7 +67,7 @@ def unlike():
     return Twins(4.135, cupboard_in=1)
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_rooms_that_only_rounding_tells_apart_stay_unsure(alike, number):
     assert {status for status, _ in alike.drive(number, scans=40)} == {Status.UNSURE}
 

@@ -56,7 +56,10 @@ def driven(localizer_at, depth_m, *, scans=66, carried=None, seed=0):
     return said
 
 
-@pytest.mark.parametrize("depth_m", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize(
+    "depth_m",
+    [pytest.param(0.1, marks=pytest.mark.slow), 0.3, pytest.param(0.5, marks=pytest.mark.slow)],
+)
 def test_row_before_a_wall_is_not_taken_for_the_wall(exactly_known, depth_m):
     said = driven(exactly_known, depth_m)
     assert all(off_m < 0.05 for _, off_m in said)

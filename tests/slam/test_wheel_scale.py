@@ -169,7 +169,8 @@ def corridor(length_m, way_scale, back=True):
     return slam_map, float(absolute_errors(slam_map.trajectory.poses, true).position_m.rmse)
 
 
-@pytest.mark.parametrize("way_scale", [0.9, pytest.param(1.15, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("way_scale", [0.9, 1.15])
 def test_corridor_is_as_long_as_it_is_though_the_wheels_are_not_as_told(way_scale):
     # the ends, each seen for a few metres, are all that tells; the first steps, too, were by wheels
     # of which nothing was known yet

@@ -58,6 +58,10 @@ CHECKED = [
     )
     for keywords in VARIANTS
 ]
+SOME_SLOW = [
+    pytest.param(one, marks=pytest.mark.slow if "Explore" in one or "Track" in one else [])
+    for one in IDS
+]
 
 
 def task(env_id: str, **keywords) -> KitasapEnv:
@@ -86,7 +90,7 @@ def same(one: list, other: list) -> bool:
     )
 
 
-@pytest.mark.parametrize("env_id", IDS)
+@pytest.mark.parametrize("env_id", SOME_SLOW)
 @pytest.mark.parametrize("keywords", CHECKED)
 def test_gymnasium_s_checker_finds_nothing(env_id, keywords):
     check_env(task(env_id, **keywords), skip_render_check=True)
@@ -119,11 +123,11 @@ def test_module_form_of_an_id_makes_the_task():
 @pytest.mark.parametrize("env_id", IDS)
 def test_equal_seeds_give_equal_bytes_also_after_pickling_the_spec(env_id):
     env = gymnasium.make(env_id, **VARIED)
-    first = rollout(env, 40)
-    assert same(first, rollout(env, 40))
+    first = rollout(env, 15)
+    assert same(first, rollout(env, 15))
     copy = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
-    assert same(first, rollout(copy, 40))
-    assert not same(first, rollout(env, 40, seed=4))
+    assert same(first, rollout(copy, 15))
+    assert not same(first, rollout(env, 15, seed=4))
 
 
 def test_a_spec_with_objects_for_keywords_is_json_and_made_again_is_the_same(tmp_path):
@@ -177,14 +181,8 @@ def test_vector_envs_give_what_single_ones_do(mode):
     vector.close()
 
 
-@pytest.mark.parametrize(
-    "mode",
-    [
-        pytest.param(mode, marks=[] if mode is AutoresetMode.SAME_STEP else pytest.mark.slow)
-        for mode in AutoresetMode
-    ],
-    ids=lambda mode: mode.name,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", AutoresetMode, ids=lambda mode: mode.name)
 def test_native_vector_env_begins_anew_as_gymnasium_s_own(mode):
     keywords = {"difficulty": 0.0, "max_episode_steps": 3}
     native = gymnasium.make_vec(IDS[0], 3, autoreset_mode=mode.value, **keywords)
@@ -374,9 +372,8 @@ def test_track_is_lost_by_driving_away_from_it():
     assert info["aside_m"] > 0.4
 
 
-@pytest.mark.parametrize(
-    "env_id", [IDS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in IDS[1:])]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", IDS)
 def test_pictures_change_nothing(env_id):
     place = {} if env_id == IDS[2] else {"place": "random"}
     env = gymnasium.make(env_id, render_mode="rgb_array", **place)
