@@ -95,6 +95,7 @@ class SlamLog:
             "loops": len(slam_map.loops),
             "loops_rejected": len(slam_map.rejected),
             "contradicted": verdict.passed_ratio,
+            "drift_m": slam_map.drift_m if math.isfinite(slam_map.drift_m) else None,
             "cpu_s": {
                 "online": self.online_cpu_s,
                 "finish": self.finish_cpu_s,
@@ -327,6 +328,14 @@ def _mb(memory_mb: float | None) -> str:
     return "an unknown amount" if memory_mb is None else f"{memory_mb:.0f} MB"
 
 
+def _said_of_map(summary: dict[str, Any]) -> list[str]:
+    """What is wrong with a map; of a good one, how far it may have drifted."""
+    drift_m = summary["drift_m"]
+    if summary["reasons"] or drift_m is None:
+        return list(summary["reasons"])
+    return [f"by its own account poses are off by some {drift_m:.2f} m at most (RMS)"]
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary for people to read."""
     cpu = summary["cpu_s"]
@@ -334,7 +343,7 @@ def table(summary: dict[str, Any]) -> str:
         f"{summary['log']}: {summary['scans']} scans, {summary['way_m']:.0f} m in"
         f" {summary['duration_s']:.0f} s; {summary['keyframes']} keyframes, {summary['loops']} loops"
         f" ({summary['loops_rejected']} rejected)",
-        f"map: {summary['verdict']}" + "".join(f"; {reason}" for reason in summary["reasons"]),
+        f"map: {summary['verdict']}" + "".join(f"; {said}" for said in _said_of_map(summary)),
         f"scans: {summary['matched']} matched, {summary['searched']} found by search,"
         f" {summary['carried']} by the wheels alone, {summary['broken']} broke off",
         f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"

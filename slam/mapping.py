@@ -16,6 +16,7 @@ from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_consistency import acquitted, do_contradict, judged
+from slam.map_drift import too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.rescaling import chained, rescaled, unknown_lengths
@@ -128,6 +129,8 @@ class Mapper:
             slam_map.keyframes, slam_map.poses, slam_map.loops, self._front_end.scaled_steps,
             self._front_end.wheel_scale,
         )  # fmt: skip
+        if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
+            said = too_far_adrift(slam_map.drift_m)
         return replace(slam_map, verdict=slam_map.verdict.with_reasons(said))
 
     def _rescale(self) -> None:

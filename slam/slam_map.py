@@ -15,6 +15,7 @@ from slam.laser_model import LaserModel
 from slam.localization import Localizer
 from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict, unjoined_sessions
+from slam.map_drift import drift_m
 from slam.occupancy_grid import OccupancyGrid
 from slam.pose_graph import EdgeKernel, PoseGraph
 from slam.se2 import SE2
@@ -52,6 +53,14 @@ class SlamMap:
         """Sessions, from 0, of which nobody knows where they lie on the map of those before."""
         blind = {step.session for step in self.steps if step.keyframe < 0} - {0}
         return tuple(sorted({*blind, *unjoined_sessions(self.keyframes, self.loops)}))
+
+    @cached_property
+    def drift_m(self) -> float:
+        """By how much poses may be off as seen from one another [m], by the map's own account: see
+        `slam.map_drift`. Of sessions that were joined."""
+        unjoined = self.unjoined
+        joined = [k for k, one in enumerate(self.keyframes) if one.session not in unjoined]
+        return drift_m(self.graph, np.array(joined, dtype=np.int64))
 
     @property
     def trajectory(self) -> Trajectory:

@@ -113,6 +113,7 @@ RANKS = (
         "loop_closing",
         "surfaces",
         "map_consistency",
+        "map_drift",
         "drive_monitor",
         "heavy_tails",
         "fusion",

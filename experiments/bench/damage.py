@@ -35,7 +35,8 @@ Damage = Callable[[Log, np.random.Generator], Log]
 
 @dataclass(frozen=True)
 class Damaged:
-    """How a log ended that was damaged once. rmse_m, max_m: position error of its scans."""
+    """How a log ended that was damaged once. rmse_m, max_m: position error of its scans; drift_m:
+    what the map says of itself."""
 
     damage: str
     scans: int
@@ -43,6 +44,7 @@ class Damaged:
     reasons: tuple[str, ...]
     rmse_m: float
     max_m: float
+    drift_m: float
 
     @property
     def is_right(self) -> bool:
@@ -89,8 +91,9 @@ def _ended(log: Log, against: Trajectory, damage: str) -> Damaged:
     assert absolute is not None
     errors, verdict = absolute.position_m, slam_map.verdict
     return Damaged(
-        damage, len(slam_map.steps), verdict.is_good, verdict.reasons, errors.rmse, errors.max
-    )
+        damage, len(slam_map.steps), verdict.is_good, verdict.reasons, errors.rmse, errors.max,
+        slam_map.drift_m,
+    )  # fmt: skip
 
 
 def _with_records(log: Log, changed: Callable[[Iterable[LogRecord]], Iterator[LogRecord]]) -> Log:
@@ -232,12 +235,13 @@ def _table(name: str, found: list[Damaged], repeats: int, seed: int) -> Table:
         caption=f"Position error of the scans against the reference; right: at most {_MOST_RMSE_M:g} m"
         f" (RMS) and below {_MOST_M:g} m.",
     )
-    for column in ("damage", "scans", "RMS, most", "the map is", "and is called"):
-        table.add_column(column, justify="right" if column in ("scans", "RMS, most") else "left")
+    numbers = ("scans", "RMS, most", "by its own account")
+    for column in ("damage", *numbers, "the map is", "and is called"):
+        table.add_column(column, justify="right" if column in numbers else "left")
     for one in found:
         table.add_row(
             one.damage, str(one.scans), f"{one.rmse_m:.3f} m, {one.max_m:.2f} m",
-            "right" if one.is_right else "wrong",
+            f"{one.drift_m:.2f} m", "right" if one.is_right else "wrong",
             "GOOD" if one.is_deceptive else "good" if one.is_good else f"failed: {one.reasons[0]}",
         )  # fmt: skip
     return table
