@@ -24,6 +24,7 @@ from slam.localization import Estimate
 from slam.mapping import Mapper, MapperStep
 from slam.measurements import Measurement
 from slam.readers.log import Log
+from slam.readers.log_odometry import unknown_motion
 from slam.se2 import SE2
 from slam.trajectory import read_tum
 from slam.verdict import Status
@@ -70,7 +71,9 @@ class RerunLog(LogObserver):
         self._passes += 1
         if self._passes > 1:
             self._stream.clear()
-            self._stream.says("log", "mapped again", ("with the wheels that the drive shows",))
+            is_guess = log.noise is unknown_motion
+            by = "its odometry as a guess" if is_guess else "the wheels that the drive shows"
+            self._stream.says("log", "mapped again", (f"with {by}",))
         self._way = _Way(self._stream, log.T_base_laser, None)
         self._map_due = 1
         if known is not None and known.grid is not None:

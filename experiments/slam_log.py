@@ -28,6 +28,7 @@ from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, LogChoice, MotionSinceScan
+from slam.readers.log_odometry import unknown_motion
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
@@ -49,8 +50,9 @@ class SlamLog:
     evaluation: against a reference, where there is one. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, None: with none,
     but at the end, if at all.
-    wheels: what calibrating them from the drive gave, where the log tells their ticks. notes: what of
-    the log was taken, in words.
+    wheels: what calibrating them from the drive gave, where the log tells their ticks.
+    is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
+    not hold together. notes: what of the log was taken, in words.
     """
 
     name: str
@@ -65,6 +67,7 @@ class SlamLog:
     continued: str | None = None
     joined_at: int | None = None
     wheels: dict[str, Any] | None = None
+    is_odometry_doubted: bool = False
     notes: tuple[str, ...] = ()
 
     @property
@@ -104,6 +107,7 @@ class SlamLog:
             },
             "memory_mb": self.memory_mb,
             "wheels": self.wheels,
+            "odometry_doubted": self.is_odometry_doubted,
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
@@ -194,6 +198,18 @@ def check_same_time(log: Log, times_s: FloatArray, path: Path) -> None:
 
 
 def _best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
+    """The log mapped; where that does not hold together, once more with its odometry as a guess from
+    which scans are matched, and no more. Either map is judged alike."""
+    first = _by_best_wheels(log, mapped)
+    if first.slam_map.verdict.is_good or not log.has_odometry:
+        return first
+    again = mapped(replace(log, noise=unknown_motion))
+    if not again.slam_map.verdict.is_good:
+        return first
+    return replace(again, wheels=first.wheels, is_odometry_doubted=True)
+
+
+def _by_best_wheels(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
     """The log mapped; where it tells ticks, twice: by the wheels as assumed, and as the drive shows
     them. The map is that which holds together, and of two that do, the sharper one."""
     first, calibrated = mapped(log), calibrated_log(log)
@@ -358,6 +374,10 @@ def table(summary: dict[str, Any]) -> str:
         else:
             joined = f"joined at scan {at + 1} of {summary['scans']}"
         lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
+    if summary["odometry_doubted"]:
+        lines.append(
+            "odometry: a guess alone; by it as the log tells it, the map did not hold together"
+        )
     if summary["wheels"] is not None:
         lines.append(wheels_line(summary["wheels"]))
     return "\n".join(lines)
