@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 from experiments.gate.quantities import QUANTITIES, Values, trial_values
 from experiments.report.run_folder import RunFolder
 from experiments.runs import EXPERIMENTS
+from experiments.shards import WHOLE
 from experiments.trial_log import write_atomically
 from experiments.trials import TrialConfig
 
@@ -27,7 +28,8 @@ class RunValues:
     """A finished run as the gate sees it.
 
     config: of the trials, as `config.json` has it. inputs: what else it was made from: config_hash
-    (of configuration, seed, code and libraries), versions, commit, command. results: names what
+    (of configuration, seed, code and libraries), place (digest of its files; none in baselines of
+    before), versions, commit, command. results: names what
     the trials recorded, whatever code they are of; equal ones have equal names. values: by method and quantity.
     """
 
@@ -42,6 +44,10 @@ class RunValues:
     @classmethod
     def of(cls, run: RunFolder) -> "RunValues":
         """Raises ValueError for a run that is not finished."""
+        if run.shard != WHOLE:
+            raise ValueError(
+                f"{run.folder} is shard {run.shard} of a run: `kitasap merge` makes one of all shards"
+            )
         if run.summary is None or len(run.records) < run.trials:
             raise ValueError(
                 f"{run.folder} is not finished, {len(run.records)} of {run.trials} trials:"
@@ -49,6 +55,7 @@ class RunValues:
             )
         inputs = {
             "config_hash": run.config_hash,
+            "place": run.digests.get("place"),
             "versions": run.versions,
             "commit": run.commit,
             "command": _without_out(run.command),
@@ -141,6 +148,8 @@ def _run(raw: Any, where: str) -> RunValues:
     for name, kind in kinds.items():
         if not isinstance(raw.get(name), kind) or isinstance(raw[name], bool):
             raise ValueError(f"{where} is damaged: '{name}' is missing, or of another kind")
+    if not isinstance(raw["inputs"].get("versions"), dict):
+        raise ValueError(f"{where} is damaged: 'versions' is missing, or of another kind")
     if raw["experiment"] not in EXPERIMENTS:
         raise ValueError(
             f"{where} is of an experiment {raw['experiment'][:80]!r} that is not known here"

@@ -15,6 +15,9 @@ ALPHA = 0.01
 MARGIN = 0.05
 _MANY = 64
 """Chosen: as many questions that tell different things are about what a check asks."""
+_SHARES = {True: 0.25, False: 0.75}
+"""Of the error rate, for events and for all else; chosen. Of many sizes one or the other is always far
+off by chance: asked along with these, a robot that no longer localises at all was nothing special."""
 Verdict = Literal["equal", "no worse", "worse", "better"]
 
 
@@ -104,13 +107,7 @@ class _Compared:
         if len(columns) > 1:
             columns[1] = [usual(one) for one in columns[1]]
         new_counts = [new.trials if way is None else None for way in ways]
-        least_p = Scores(columns[0][0].worse, new_counts[0]).least_p
-        if least_p > alpha:
-            raise ValueError(
-                f"{new.trials} trials of {new.experiment} can never show a regression at alpha"
-                f" {alpha}, whatever they hold: run --trials {int(np.ceil(-np.log2(alpha)))} or more,"
-                " or choose a larger --alpha"
-            )
+        _check_can_show(old, new, alpha)
         return cls(old, new, columns, new_counts)
 
     @property
@@ -118,12 +115,39 @@ class _Compared:
         """Whether the trials of both have the same random numbers."""
         return self.new_counts[0] is None
 
-    def scores(self, side: str) -> list[Scores]:
+    def scores(self, side: str, of_events: bool) -> list[Scores]:
         """Of being worse, or of being better."""
-        return [
-            Scores(np.concatenate([getattr(one, side) for one in columns], axis=1), count)
-            for columns, count in zip(self.columns, self.new_counts, strict=True)
+        asked = [
+            [getattr(one, side) for one in columns if one.quantity.is_event is of_events]
+            for columns in self.columns
         ]
+        return [
+            Scores(np.concatenate(scores, axis=1), count)
+            for scores, count in zip(asked, self.new_counts, strict=True)
+            if scores
+        ]
+
+
+def _check_can_show(old: RunValues, new: RunValues, alpha: float) -> None:
+    """Raises ValueError where the trials are too few to ever show anything: even an event that never
+    was and now is in all of them."""
+    if _least_p(old.trials, new.trials) <= _SHARES[True] * alpha:
+        return
+    needed = 1
+    while _least_p(needed, needed) > _SHARES[True] * alpha:
+        needed += 1
+    short = "run" if new.trials < old.trials else "baseline"
+    short = "both" if new.trials == old.trials else f"the {short}"
+    raise ValueError(
+        f"{new.trials} trials of {new.experiment}, held against {old.trials}, can never show a"
+        f" regression at alpha {alpha}, whatever they hold: make {short} anew with --trials"
+        f" {needed} or more, or choose a larger --alpha"
+    )
+
+
+def _least_p(old: int, new: int) -> float:
+    """What p is where all trials of one run have an event, and none of the other."""
+    return Scores(np.zeros((old + new, 1)), new).least_p
 
 
 def checked(
@@ -176,6 +200,13 @@ def check_comparable(old: RunValues, new: RunValues, allowed: tuple[str, ...] = 
             else f"--allow {','.join(differing)} compares them all the same"
         )
         raise ValueError(f"{new.experiment} cannot be compared: {told}; {how}")
+    was, now = old.inputs.get("place"), new.inputs.get("place")
+    if was is not None and now is not None and was != now and "place" not in allowed:
+        raise ValueError(
+            f"{new.experiment} cannot be compared: {_word(new.config['place'])}, or a file that it"
+            " includes, has changed since the baseline was made; make the baseline anew, or --allow"
+            " place compares them all the same"
+        )
 
 
 def differences(old: RunValues, new: RunValues) -> list[str]:
@@ -197,17 +228,21 @@ def _word(value: Any) -> str:
 
 def _adjusted(compared: list[_Compared], side: str) -> tuple[list[list[float]], int]:
     """The least corrected p of each quantity's questions, by run; and how many were asked."""
-    _, adjusted = adjusted_p([scores for each in compared for scores in each.scores(side)])
-    by_run, at = [], 0
-    for each in compared:
-        least = np.ones(len(each.columns[0]))
-        for columns in each.columns:
-            for number, one in enumerate(columns):
-                width = getattr(one, side).shape[1]
-                least[number] = adjusted[at : at + width].min(initial=least[number])
-                at += width
-        by_run.append(least.tolist())
-    return by_run, at
+    by_run, asked = [np.ones(len(each.columns[0])) for each in compared], 0
+    for of_events, share in _SHARES.items():
+        _, adjusted = adjusted_p(
+            [scores for each in compared for scores in each.scores(side, of_events)]
+        )
+        adjusted, at = adjusted / share, 0
+        for each, least in zip(compared, by_run, strict=True):
+            for columns in each.columns:
+                for number, one in enumerate(columns):
+                    if one.quantity.is_event is of_events:
+                        width = getattr(one, side).shape[1]
+                        least[number] = adjusted[at : at + width].min(initial=least[number])
+                        at += width
+        asked += at
+    return [least.tolist() for least in by_run], asked
 
 
 def _finding(each: _Compared, one: Columns, p: float, p_better: float, alpha: float) -> Finding:

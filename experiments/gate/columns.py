@@ -24,9 +24,8 @@ class Columns:
 
 
 def usual(one: Columns) -> Columns:
-    """Without what is asked of means and of events."""
-    kept = 0 if one.quantity.is_event else 1
-    return replace(one, worse=one.worse[:, :kept], better=one.better[:, :kept])
+    """Without what is asked of means."""
+    return replace(one, worse=one.worse[:, :1], better=one.better[:, :1])
 
 
 def compared_columns(

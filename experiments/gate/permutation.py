@@ -77,6 +77,8 @@ def adjusted_p(groups: list[Scores], draws: int = DRAWS) -> tuple[FloatArray, Fl
 
     One-sided: of scores as large as seen or larger. The same each time.
     """
+    if not groups:
+        return np.zeros(0), np.zeros(0)
     rng = np.random.default_rng(0)
     sums = np.concatenate([group.drawn(draws, rng) for group in groups], axis=1)
     # sums of the same numbers in another order are equal
@@ -87,7 +89,7 @@ def adjusted_p(groups: list[Scores], draws: int = DRAWS) -> tuple[FloatArray, Fl
     adjusted = np.empty_like(seen)
     least, above = np.ones(draws), 0.0
     order = np.argsort(seen)
-    stepped = np.empty((draws, len(order))) if len(order) else p
+    stepped = np.empty((draws, len(order)))
     for at in range(len(order) - 1, -1, -1):  # from the largest on: the least of those not smaller
         least = np.minimum(least, p[:, order[at]])
         stepped[:, at] = least

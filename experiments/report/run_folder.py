@@ -66,7 +66,9 @@ class RunFolder:
     config_hash: str
     seed: int
     trials: int
+    shard: Shard
     versions: dict[str, str]
+    digests: dict[str, str]
     commit: str | None
     command: list[str]
     summary: dict[str, Any] | None
@@ -81,7 +83,8 @@ class RunFolder:
             summary = _json(folder / "summary.json")
         run = cls(
             folder, head.experiment, head.config, head.config_hash, head.seed, head.trials,
-            _field(content, "versions", dict, path),
+            head.shard, _field(content, "versions", dict, path),
+            _field({"digests": {}} | content, "digests", dict, path),
             None if content.get("commit") is None else _field(content, "commit", str, path),
             [str(word) for word in _field(content, "command", list, path)],
             summary,

@@ -170,14 +170,42 @@ def test_a_longer_run_is_compared_by_the_trials_that_both_have(out, capsys):
 
 def test_too_few_trials_are_refused_since_they_could_never_fail(out, capsys):
     values = {
-        method: {name: told[:6] for name, told in one.items()}
+        method: {name: told[:3] for name, told in one.items()}
         for method, one in values_of(out).items()
     }
-    spoiled(out, values=values, trials=6)
+    spoiled(out, values=values, trials=3)
     told = refusal(capsys, "check", out, out / "baseline.json")
     assert "can never show a regression at alpha 0.01" in told
-    assert "--trials 7" in told
+    # the run is long enough
+    assert "make the baseline anew with --trials 6" in told
     assert check(out, "--alpha", "0.05") == 0
+
+
+@pytest.mark.parametrize("seed", [0, 77])
+def test_ten_trials_are_enough_for_a_robot_that_no_longer_localises(out, seed):
+    values = values_of(out)
+    assert sum(values["odometry"]["failed"]) > 7
+    values["odometry"]["failed"] = [0] * 10
+    spoiled(out, values=values, results="another", seed=seed)
+    assert check(out) == 1
+
+
+def test_place_that_has_changed_is_another_place(out, capsys):
+    inputs = json.loads((out / "baseline.json").read_text())["runs"][0]["inputs"]
+    assert len(inputs["place"]) > 30
+    spoiled(out, inputs=inputs | {"place": "0" * 64})
+    told = refusal(capsys, "check", out, out / "baseline.json")
+    assert "has changed since the baseline was made" in told
+    assert check(out, "--allow", "place") == 0
+    # baselines of before do not tell
+    spoiled(out, inputs={name: one for name, one in inputs.items() if name != "place"})
+    assert check(out) == 0
+
+
+def test_shard_is_to_be_merged_first(out, capsys):
+    path = next(out.rglob("config.json"))
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"shard": "1/2"}))
+    assert "kitasap merge" in refusal(capsys, "baseline", out, "--force")
 
 
 @pytest.mark.parametrize(
