@@ -4,6 +4,8 @@ from experiments.engines import Engine, SerialEngine
 from experiments.processes import local_engine
 
 ENGINES = ("local", "serial", "ray")
+_MOST_S = 86_400.0
+"""Chosen: nobody waits longer for a trial, and what waits for its process can."""
 
 
 def engine_named(
@@ -16,8 +18,10 @@ def engine_named(
     """
     if name not in ENGINES:
         raise ValueError(f"no engine called '{name}'; there are: {', '.join(ENGINES)}")
-    if limit_s is not None and not limit_s > 0.0:
-        raise ValueError(f"--trial-timeout takes seconds above 0, not {limit_s:g}")
+    if limit_s is not None and not 0.0 < limit_s <= _MOST_S:
+        raise ValueError(
+            f"--trial-timeout takes seconds above 0 and up to {_MOST_S:g}, a day, not {limit_s:g}"
+        )
     if address is not None and name != "ray":
         raise ValueError("--address is that of a Ray cluster: it goes with --engine ray")
     if name == "ray":

@@ -3,13 +3,21 @@
 import json
 import os
 import time
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+CHECKSUM = "crc32"
+"""Of a line of another log with the same index; a trial that is done again has two."""
 _SYNC_S = 1.0
 """Chosen: what a power cut may take with it. A killed process takes nothing: the system has it."""
+
+
+def checksum(line: bytes) -> int:
+    """Of a line, its end included."""
+    return zlib.crc32(line)
 
 
 class OtherRun(ValueError):
@@ -19,13 +27,23 @@ class OtherRun(ValueError):
 class TrialLines:
     """The lines of a log by index. Memory holds where each lies, and not what it says.
 
-    key: what every line has to have. mended: what was cut off at the end, in words, if anything.
-    Raises OtherRun for a line with another key, ValueError for one that is none; but what a crash
-    left of the last line is cut off, or with `is_kept` passed over.
+    key: what every line has to have. beside: a log whose lines have the checksums of these, as
+    `CHECKSUM`. mended: what was cut off at the end, in words, if anything.
+    Raises OtherRun for a line with another key, ValueError for one that is none, or whose checksum is
+    another; but the last line is cut off then, or with `is_kept` passed over: a crash left that of it.
     """
 
-    def __init__(self, path: Path, key: dict[str, Any], *, is_kept: bool = False) -> None:
-        self.path, self._key = path, key
+    def __init__(
+        self,
+        path: Path,
+        key: dict[str, Any],
+        beside: "TrialLines | None" = None,
+        *,
+        is_kept: bool = False,
+    ) -> None:
+        self.path, self._key, self._beside = path, key, beside
+        self._told: dict[int, tuple[int, ...]] = {}
+        """Checksums that the lines tell of those of another log."""
         self.mended: str | None = None
         self._spans: dict[int, tuple[int, int]] = {}
         self._file: BinaryIO | None = None
@@ -62,13 +80,12 @@ class TrialLines:
         """What some lines say, read one after the other."""
         return map(json.loads, self._lines(indices))
 
-    def append(self, index: int, record: dict[str, Any]) -> None:
-        """Writes a line. Where the disk is full or broken nothing of it is left, and OSError says so."""
-        line = (json.dumps(self._key | {"index": index} | record, allow_nan=False) + "\n").encode()
-        self.append_line(index, line)
+    def as_line(self, index: int, record: dict[str, Any]) -> bytes:
+        """A line that may be appended."""
+        return (json.dumps(self._key | {"index": index} | record, allow_nan=False) + "\n").encode()
 
     def append_line(self, index: int, line: bytes) -> None:
-        """Writes a line as it is."""
+        """Writes a line. Where the disk is full or broken nothing of it is left, and OSError says so."""
         with named(self.path):
             if self._file is None:
                 self._file = self.path.open("ab", buffering=0)
@@ -155,12 +172,20 @@ class TrialLines:
         if not line.endswith(b"\n"):
             raise ValueError("it has no end")
         record = json.loads(line)
-        key, index = {name: record[name] for name in self._key}, int(record["index"])
+        key, index = {name: record[name] for name in self._key}, record["index"]
+        if not (isinstance(index, int) and index >= 0):
+            raise ValueError(f"{index!r:.80} is no index")
         if key != self._key:
             raise OtherRun(
                 f"{self.path.parent} holds trials of another configuration, seed or version of "
                 "the code"
             )
+        if self._beside is not None:
+            told = self._beside._told.get(index, ())
+            if told and checksum(line) not in told:
+                raise ValueError("its checksum is another")
+        if CHECKSUM in record:
+            self._told[index] = (*self._told.get(index, ()), record[CHECKSUM])
         return index
 
 

@@ -1,7 +1,7 @@
 """The log of a run's trials on disk: a line each, appended as it finishes; nothing is lost.
 
 `trials.jsonl` is what a run resumes from. `timings.jsonl` beside it has what differs from one
-repetition to the next, so that the log itself is the same to the byte.
+repetition to the next, so that the log itself is the same to the byte, and of each line a checksum.
 """
 
 import csv
@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from experiments.json_lines import TrialLines, replaced
+from experiments.json_lines import CHECKSUM, TrialLines, checksum, replaced
 
 CSV_FIELDS = (
     *("index", "status", "method", "match", "success"),
@@ -44,14 +44,17 @@ class TrialLog:
         self._fields = CSV_FIELDS + (MAP_FIELDS if experiment == "mapping" else ())
         if not is_kept:
             folder.mkdir(parents=True, exist_ok=True)
-        self.trials = TrialLines(folder / "trials.jsonl", key, is_kept=is_kept)
         self.timings = TrialLines(folder / "timings.jsonl", key, is_kept=is_kept)
+        self.trials = TrialLines(folder / "trials.jsonl", key, self.timings, is_kept=is_kept)
         self.mended = self.trials.mended
 
     def append(self, index: int, record: dict[str, Any], timing: dict[str, Any]) -> None:
         """Puts a finished trial on disk."""
-        self.timings.append(index, timing)
-        self.trials.append(index, record)
+        line = self.trials.as_line(index, record)
+        # in this order: a trial that is there has its checksum
+        told = self.timings.as_line(index, timing | {CHECKSUM: checksum(line)})
+        self.timings.append_line(index, told)
+        self.trials.append_line(index, line)
 
     def finish(self, asked: Iterable[int]) -> None:
         """Brings the lines into the trials' order; writes `trials.csv` from those asked for."""

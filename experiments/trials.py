@@ -91,6 +91,7 @@ class TrialConfig:
         checked_mismatch(self.mismatch)
         if self.people < 0:
             raise ValueError(f"people are 0 or more, not {self.people}")
+        self._check_sizes()
         is_turning = 0.0 < self.turn_rate_radps <= MAX_TURN_RATE_RADPS
         if not (is_turning and 1.0 <= self.duration_s <= MAX_DURATION_S):
             raise ValueError(
@@ -100,6 +101,17 @@ class TrialConfig:
         self.simulation(np.random.default_rng(0))
         load_open3d()
         return self
+
+    def _check_sizes(self) -> None:
+        """Raises ValueError for a length or an angle that is none."""
+        limits = {"start_error_m": 100.0, "start_error_rad": math.pi, "map_spacing_m": 1.0}
+        limits |= {"success_m": 1000.0, "success_rad": 1000.0}  # as large for any that ends
+        for name, most in limits.items():
+            value = getattr(self, name)
+            least = 0.0 if name.startswith("start") else math.ulp(0.0)
+            if not least <= value <= most:
+                what = "0 or more" if least == 0.0 else "above 0"
+                raise ValueError(f"{name} is {what} and at most {most:g}, not {value:g}")
 
     def simulation(self, rng: np.random.Generator) -> Simulation:
         """The simulated robot in its world as it truly is, at the place's start."""

@@ -63,6 +63,8 @@ def check(
 
     if junit is not None:
         checked_file(junit)
+        if baseline.exists() and junit.exists() and junit.samefile(baseline):
+            raise ValueError(f"--junit {junit} is the baseline: give another file")
     try:
         is_worse = _is_worse(folder, baseline, alpha, margin, method, allow, junit)
     except (ValueError, OSError, ImportError):

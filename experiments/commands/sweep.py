@@ -44,7 +44,8 @@ def sweep(
         list[str],
         typer.Option(
             metavar="NAME=VALUE,...",
-            help="What is varied: any option below, or laser.beams, laser.view_deg,"
+            help="What is varied: any option below of a trial (not methods, seed or how many),"
+            " or laser.beams, laser.view_deg,"
             " laser.range_noise (a factor), laser.dropout_rate ...; again for another.",
         ),
     ],

@@ -121,8 +121,9 @@ def test_hanging_process_does_not_outlive_a_parent_that_is_killed():
     ("asked", "said"),
     [
         (("cloud", None), "no engine called 'cloud'; there are: local, serial, ray"),
-        (("local", 2, 0.0), "--trial-timeout takes seconds above 0, not 0"),
-        (("local", 2, float("nan")), "--trial-timeout takes seconds above 0, not nan"),
+        (("local", 2, 0.0), "--trial-timeout takes seconds above 0 and up to 86400, a day, not 0"),
+        (("local", 2, float("nan")), "--trial-timeout takes seconds above 0 and"),
+        (("local", 2, 4e6), "--trial-timeout takes seconds above 0 and up to 86400"),
         (("local", 2, None, "auto"), "--address is that of a Ray cluster"),
         (("serial", 2), "--engine serial is this process alone"),
         (("serial", None, 5.0), "--engine serial is this process alone"),

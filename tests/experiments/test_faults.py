@@ -19,6 +19,7 @@ from experiments.json_lines import TrialLines, replaced
 from experiments.runs import Run
 from experiments.trials import forget_places
 from tests.experiments.processes import group, wait_until
+from tests.experiments.refusals import line_of_refusal
 
 REPOSITORY = Path(__file__).parents[2]
 KEY = {"experiment": "kidnap", "config": "0123"}
@@ -43,7 +44,7 @@ def lines_in(log: Path) -> int:
 def filled(path: Path, *indices: int) -> TrialLines:
     lines = TrialLines(path, KEY)
     for index in indices:
-        lines.append(index, {"status": "ok", "value": index / 7})
+        lines.append_line(index, lines.as_line(index, {"status": "ok", "value": index / 7}))
     return lines
 
 
@@ -54,7 +55,7 @@ def test_lines_are_found_by_index_and_sorted_once_each(tmp_path):
     lines.sort()
     told = [json.loads(line)["index"] for line in (tmp_path / "log").read_bytes().splitlines()]
     assert told == [0, 2, 3]
-    lines.append(1, {"status": "ok"})
+    lines.append_line(1, lines.as_line(1, {"status": "ok"}))
     assert [record["index"] for record in lines.records([1, 3])] == [1, 3]
     lines.sort()
     assert TrialLines(tmp_path / "log", KEY).indices == [0, 1, 2, 3]
@@ -117,7 +118,7 @@ def test_line_for_which_the_disk_has_no_room_leaves_nothing(tmp_path):
     assert lines._file is not None
     lines._file = NearlyFull(lines._file, left=25)
     with pytest.raises(OSError, match="No space left") as raised:
-        lines.append(2, {"status": "ok"})
+        lines.append_line(2, lines.as_line(2, {"status": "ok"}))
     assert raised.value.filename == str(path)
     assert (path.read_bytes(), lines.indices) == (whole, [0, 1])
     lines._file.close()
@@ -163,6 +164,46 @@ def test_run_on_a_full_disk_ends_in_one_line_and_goes_on_later(
     assert log.read_bytes().count(b"\n") == 2
     assert run_trials(tmp_path / "full", 4) == 0
     assert results(log.parent) == results(tmp_path / "whole/localization")
+
+
+@pytest.mark.parametrize(
+    ("was", "became"),
+    [
+        (b'"index": 2', b'"index": 1'),
+        (b'"index": 2', b'"index": -1'),
+        (b'"status"', b'"statuz"'),
+        (b'"methods"', b'"nethods"'),
+        (b'"success": true', b'"success": null'),
+        (b"0.0", b"7.0"),
+    ],
+)
+def test_damage_that_leaves_json_is_told_by_the_checksum(tmp_path, run_trials, capsys, was, became):
+    assert run_trials(tmp_path, 3, ["--no-figures"]) == 0
+    log = tmp_path / "localization" / "trials.jsonl"
+    whole = results(log.parent)
+    lines = log.read_bytes().splitlines(keepends=True)
+    assert was in lines[2]
+    log.write_bytes(b"".join(lines[:2]) + lines[2].replace(was, became, 1))
+    capsys.readouterr()
+    assert run_trials(tmp_path, 3, ["--no-figures"]) == 0
+    assert f"the last line of {log} was damaged" in capsys.readouterr().err
+    assert results(log.parent) == whole
+    log.write_bytes(lines[0] + lines[1].replace(was, became, 1) + lines[2])
+    if was in lines[1]:
+        assert "line 2 is not a trial" in line_of_refusal(capsys, run_trials(tmp_path, 3))
+
+
+def test_log_without_checksums_goes_on(tmp_path, run_trials):
+    assert run_trials(tmp_path, 3, ["--no-figures"]) == 0
+    log = tmp_path / "localization" / "trials.jsonl"
+    whole = results(log.parent)
+    timings = log.with_name("timings.jsonl")
+    told = [json.loads(line) for line in timings.read_text().splitlines()]
+    assert all(one.pop("crc32") for one in told)
+    timings.write_text("".join(json.dumps(one) + "\n" for one in told))
+    log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
+    assert run_trials(tmp_path, 3, ["--no-figures"]) == 0
+    assert results(log.parent) == whole
 
 
 def test_damaged_end_is_said_by_the_run_that_mends_it(tmp_path, run_trials, capsys):

@@ -158,6 +158,9 @@ def test_trial_of_another_shard_and_other_results_are_refused(shards, capsys):
     held = shards / "out/localization/trials.jsonl"
     held.write_text(held.read_text().replace('"status": "ok"', '"status":  "ok"', 1))
     line = refusal(capsys, *merged(shards, "1", "2", "3"))
+    assert f"{held} line 1 is not a trial: ValueError('its checksum is another')" in line
+    held.with_name("timings.jsonl").unlink()
+    line = refusal(capsys, *merged(shards, "1", "2", "3"))
     assert line == f"{held.parent} holds other trials: give another --out"
     line = refusal(capsys, "merge", shards / "1", shards / "2", shards / "3", "--out", shards / "1")
     assert line == f"--out {shards / '1'} is where a shard lies: give another folder"
