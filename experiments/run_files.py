@@ -28,6 +28,8 @@ _OF_NO_FIGURE = ("steps", "reasons", "lost_scores")
 def write_config(run: "Run", config_hash: str, trials: int) -> None:
     """Writes `config.json`: what the outcome depends on, and where and how it was run."""
     known = inputs(run.experiment, run.config, run.seed)
+    digests = {name: known[name] for name in _SAID}
+    digests["shape"] = run.config.known_place.place.shape_digest
     content = {
         "experiment": run.experiment,
         "config": asdict(run.config),
@@ -36,7 +38,7 @@ def write_config(run: "Run", config_hash: str, trials: int) -> None:
         "trials": trials,
         "shard": None if run.shard == WHOLE else str(run.shard),
         "versions": versions(),
-        "digests": {name: known[name] for name in _SAID},
+        "digests": digests,
         "machine": f"{platform.system()} {platform.machine()}",
         "commit": commit(),
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],

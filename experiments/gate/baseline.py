@@ -28,8 +28,8 @@ class RunValues:
     """A finished run as the gate sees it.
 
     config: of the trials, as `config.json` has it. inputs: what else it was made from: config_hash
-    (of configuration, seed, code and libraries), place (digest of its files; none in baselines of
-    before), versions, commit, command. results: names what
+    (of configuration, seed, code and libraries), shape (digest of what stands in the place; none in
+    baselines of before), versions, commit, command. results: names what
     the trials recorded, whatever code they are of; equal ones have equal names. values: by method and quantity.
     """
 
@@ -55,7 +55,7 @@ class RunValues:
             )
         inputs = {
             "config_hash": run.config_hash,
-            "place": run.digests.get("place"),
+            "shape": run.digests.get("shape"),
             "versions": run.versions,
             "commit": run.commit,
             "command": _without_out(run.command),

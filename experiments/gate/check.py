@@ -200,13 +200,19 @@ def check_comparable(old: RunValues, new: RunValues, allowed: tuple[str, ...] = 
             else f"--allow {','.join(differing)} compares them all the same"
         )
         raise ValueError(f"{new.experiment} cannot be compared: {told}; {how}")
-    was, now = old.inputs.get("place"), new.inputs.get("place")
-    if was is not None and now is not None and was != now and "place" not in allowed:
+    if _has_changed(old, new) and "place" not in allowed:
         raise ValueError(
             f"{new.experiment} cannot be compared: {_word(new.config['place'])}, or a file that it"
             " includes, has changed since the baseline was made; make the baseline anew, or --allow"
             " place compares them all the same"
         )
+
+
+def _has_changed(old: RunValues, new: RunValues) -> bool:
+    """Whether something else stands in the place now; another MuJoCo may compile it to other numbers."""
+    shapes = old.inputs.get("shape"), new.inputs.get("shape")
+    compiled = old.inputs["versions"].get("mujoco"), new.inputs["versions"].get("mujoco")
+    return None not in shapes and shapes[0] != shapes[1] and compiled[0] == compiled[1]
 
 
 def differences(old: RunValues, new: RunValues) -> list[str]:

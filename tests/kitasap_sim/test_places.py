@@ -274,7 +274,13 @@ def test_the_digest_changes_with_what_a_place_includes(tmp_path):
     include = '<include file="part.xml"/>'
     place_file.write_text(FLOOR_AND_WALLS.format(floor="", more=include))
     digests = []
-    for size in ("0.1", "0.1", "0.2"):
+    for size in ("0.1", "0.1", "0.1000000000001", "0.2"):
         part.write_text(f'<mujocoinclude><geom size="{size}" pos="1 1 0.1"/></mujocoinclude>')
-        digests.append(Place(place_file).digest)
-    assert digests[0] == digests[1] != digests[2]
+        place = Place(place_file)
+        digests.append((place.digest, place.shape_digest))
+    alike, same, nearly, other = digests
+    assert alike == same
+    assert nearly[0] != same[0]
+    assert nearly[1] == same[1]
+    assert other[0] != same[0]
+    assert other[1] != same[1]
