@@ -24,7 +24,6 @@ from slam.localization import Estimate
 from slam.mapping import Mapper, MapperStep
 from slam.measurements import Measurement
 from slam.readers.log import Log
-from slam.readers.log_odometry import unknown_motion
 from slam.se2 import SE2
 from slam.trajectory import read_tum
 from slam.verdict import Status
@@ -71,9 +70,8 @@ class RerunLog(LogObserver):
         self._passes += 1
         if self._passes > 1:
             self._stream.clear()
-            is_guess = log.noise is unknown_motion
-            by = "its odometry as a guess" if is_guess else "the wheels that the drive shows"
-            self._stream.says("log", "mapped again", (f"with {by}",))
+            why = "by the wheels that the drive shows, or with odometry as no more than a guess"
+            self._stream.says("log", "mapped again", (why,))
         self._way = _Way(self._stream, log.T_base_laser, None)
         self._map_due = 1
         if known is not None and known.grid is not None:

@@ -25,13 +25,14 @@ class OnlinePoses:
     """online.tum in a folder: the pose of each scan as it was when the scan had arrived, a line each,
     there to be read (`tail -f`) before the next scan is looked at.
 
-    A log that is mapped twice, by other wheels, leaves the poses of the second time. With the first of
-    them summary.json is taken away, which is written last: a folder without it is not finished,
-    whatever lies there of another log. Raises OSError if it cannot write.
+    Of a log that is mapped more than once, the first time; another pass has online-2.tum and so on
+    while it lasts, and `keep` leaves that of the map that is used. With the first pose summary.json is
+    taken away, which is written last: a folder without it is not finished, whatever lies there of
+    another log. Raises OSError if it cannot write.
     """
 
     def __init__(self, folder: Path) -> None:
-        self._path = folder / "online.tum"
+        self._folder, self._passes = folder, 0
         self._file: TextIO | None = None
 
     def __enter__(self) -> OnlinePoses:
@@ -45,13 +46,28 @@ class OnlinePoses:
         """One more scan is placed; index 0 begins anew."""
         if index == 0 or self._file is None:
             self.__exit__()
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            (self._path.parent / "summary.json").unlink(missing_ok=True)
-            self._file = self._path.open("w", encoding="utf-8")
+            self._folder.mkdir(parents=True, exist_ok=True)
+            (self._folder / "summary.json").unlink(missing_ok=True)
+            self._file = self._path(self._passes).open("w", encoding="utf-8")
+            self._passes += 1
             self._file.write(TUM_HEADER + "\n")
         pose = Trajectory(np.array([step.time_s]), step.T_map_base.as_array()[np.newaxis])
         self._file.write(tum_lines(pose)[0] + "\n")
         self._file.flush()
+
+    def keep(self, used_pass: int) -> None:
+        """Leaves the poses of one pass, from 0, as online.tum, and no others."""
+        self.__exit__()
+        for number in range(self._passes):
+            path = self._path(number)
+            if number == used_pass:
+                path.replace(self._path(0))
+            elif number > 0:
+                path.unlink()
+
+    def _path(self, number: int) -> Path:
+        """Of a pass, from 0."""
+        return self._folder / ("online.tum" if number == 0 else f"online-{number + 1}.tum")
 
 
 def write_results(result: SlamLog, folder: Path) -> str:

@@ -28,7 +28,6 @@ from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, LogChoice, MotionSinceScan
-from slam.readers.log_odometry import unknown_motion
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
@@ -52,7 +51,8 @@ class SlamLog:
     but at the end, if at all.
     wheels: what calibrating them from the drive gave, where the log tells their ticks.
     is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
-    not hold together. notes: what of the log was taken, in words.
+    not hold together. notes: what of the log was taken, in words. used_pass: which pass over the log
+    this is, from 0, where it was mapped more than once; other_passes_cpu_s: what the others took.
     """
 
     name: str
@@ -69,6 +69,8 @@ class SlamLog:
     wheels: dict[str, Any] | None = None
     is_odometry_doubted: bool = False
     notes: tuple[str, ...] = ()
+    used_pass: int = 0
+    other_passes_cpu_s: float = 0.0
 
     @property
     def way_m(self) -> float:
@@ -104,6 +106,7 @@ class SlamLog:
                 "finish": self.finish_cpu_s,
                 "slowest_update": self.slowest_update_cpu_s,
                 "warm_up": self.warm_up_cpu_s,
+                "other_passes": self.other_passes_cpu_s,
             },
             "memory_mb": self.memory_mb,
             "wheels": self.wheels,
@@ -151,7 +154,8 @@ def run(
         check_same_time(log, against.times_s, reference)
     if related is not None and relations is not None:
         check_same_time(log, related.times_s.ravel(), relations)
-    result = replace(_best_mapped(log, mapped), notes=log.notes)
+    result = _best_mapped(log, mapped)
+    result = replace(result, notes=(*log.notes, *result.notes))
     if map_path is not None:
         result = replace(result, continued=map_path.name)
     if against is None and related is None:
@@ -199,28 +203,48 @@ def check_same_time(log: Log, times_s: FloatArray, path: Path) -> None:
 
 def _best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
     """The log mapped; where that does not hold together, once more with its odometry as a guess from
-    which scans are matched, and no more. Either map is judged alike."""
-    first = _by_best_wheels(log, mapped)
-    if first.slam_map.verdict.is_good or not log.has_odometry:
-        return first
-    again = mapped(replace(log, noise=unknown_motion))
+    which scans are matched, and no more. Either map is judged alike, by what its scans say against
+    odometry too. Whoever interrupts the second look gets what came of the first."""
+    first, passes, log, config = _by_best_wheels(log, mapped)
+    slam_map = first.slam_map
+    if slam_map.verdict.is_good or slam_map.unjoined or not log.has_odometry:
+        return first  # a session is not joined by other odometry
+    try:
+        again = mapped(log, replace(config, is_odometry_doubted=True))
+    except KeyboardInterrupt:
+        said = "interrupted while the log was mapped once more: this is the first map"
+        return replace(first, notes=(said,))
     if not again.slam_map.verdict.is_good:
-        return first
-    return replace(again, wheels=first.wheels, is_odometry_doubted=True)
+        return _beside(first, again)
+    again = replace(again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True)
+    return _beside(again, first)
 
 
-def _by_best_wheels(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
-    """The log mapped; where it tells ticks, twice: by the wheels as assumed, and as the drive shows
-    them. The map is that which holds together, and of two that do, the sharper one."""
-    first, calibrated = mapped(log), calibrated_log(log)
+def _by_best_wheels(
+    log: Log, mapped: Callable[..., SlamLog]
+) -> tuple[SlamLog, int, Log, MapperConfig]:
+    """The log mapped, in how many passes, and what it was mapped from. Where it tells ticks, twice: by
+    the wheels as assumed, and as the drive shows them. The map is that which holds together, and of
+    two that do, the sharper one."""
+    usual = MapperConfig()
+    first, calibrated = mapped(log, usual), calibrated_log(log)
     if calibrated is None:
-        return first
-    second = mapped(calibrated.log, calibrated.mapper)
+        return first, 1, log, usual
+    second = replace(mapped(calibrated.log, calibrated.mapper), used_pass=1)
     maps = first.slam_map, second.slam_map
     doubts = [(not one.verdict.is_good, map_spread_m(one) or math.inf) for one in maps]
     is_used = calibrated.is_sharper and doubts[1] < doubts[0]
     wheels = wheels_summary(calibrated, maps, is_used)
-    return replace(second if is_used else first, wheels=wheels)
+    if is_used:
+        used = replace(_beside(second, first), wheels=wheels)
+        return used, 2, calibrated.log, calibrated.mapper
+    return replace(_beside(first, second), wheels=wheels), 2, log, usual
+
+
+def _beside(used: SlamLog, other: SlamLog) -> SlamLog:
+    """A pass that is used, with what another one took."""
+    spent_s = other.online_cpu_s + other.finish_cpu_s + other.other_passes_cpu_s
+    return replace(used, other_passes_cpu_s=used.other_passes_cpu_s + spent_s)
 
 
 def _mapped(
@@ -349,7 +373,7 @@ def _said_of_map(summary: dict[str, Any]) -> list[str]:
     drift_m = summary["drift_m"]
     if summary["reasons"] or drift_m is None:
         return list(summary["reasons"])
-    return [f"by its own account poses are off by some {drift_m:.2f} m at most (RMS)"]
+    return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
 
 def table(summary: dict[str, Any]) -> str:
@@ -374,6 +398,8 @@ def table(summary: dict[str, Any]) -> str:
         else:
             joined = f"joined at scan {at + 1} of {summary['scans']}"
         lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
+    if cpu["other_passes"] > 0.0:
+        lines[-1] += f"; {cpu['other_passes']:.1f} s for another pass over the log"
     if summary["odometry_doubted"]:
         lines.append(
             "odometry: a guess alone; by it as the log tells it, the map did not hold together"

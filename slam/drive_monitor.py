@@ -52,14 +52,17 @@ class DriveMonitor:
         self._worst_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self._denied_s: float | None = None
 
-    def take(self, measurement: Measurement, T_before: SE2, step: FrontEndStep) -> None:
-        """Notes a scan; T_before: where the front end had placed the one before it."""
+    def take(
+        self, measurement: Measurement, T_before: SE2, step: FrontEndStep, told_m2: float
+    ) -> None:
+        """Notes a scan; T_before: where the front end had placed the one before it; told_m2: variance
+        of the motion as it was told, whether it is believed or not."""
         variance_m2 = float(measurement.motion_covariance[0, 0])
         self._unknown_m2 = 0.0 if _tells(step) else self._unknown_m2 + variance_m2
         self._take_along(step, variance_m2)
         if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
             moved = T_before.inverse() @ step.T_map_base
-            is_measured = variance_m2 < _KNOWN_M**2
+            is_measured = told_m2 < _KNOWN_M**2
             is_denied = is_measured and _deny(measurement.motion, moved)
             if step.is_open and is_denied and self._denied_s is None:
                 self._denied_s = step.time_s

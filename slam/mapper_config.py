@@ -24,6 +24,8 @@ class MapperConfig:
     scans are kept, and of those asked for loops but one in crowd_every: memory and time grow with the
     map, not with the drive. patient_rounds, patient_inlier_ratio: of loops looked for where a map does
     not hold together. Chosen, all of these.
+    is_odometry_doubted: what odometry tells is where a scan is looked for first, and no more; what
+    scans say against it still counts.
     """
 
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
@@ -45,3 +47,4 @@ class MapperConfig:
     crowd_every: int = 4
     patient_rounds: int = 3
     patient_inlier_ratio: float = 0.78
+    is_odometry_doubted: bool = False

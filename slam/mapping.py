@@ -28,6 +28,9 @@ _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
+_DOUBTED = np.eye(3)
+"""Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
+to the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +95,12 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
+        told_m2 = float(measurement.motion_covariance[0, 0])
+        if self.config.is_odometry_doubted:
+            measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
         step = self._front_end.update(measurement)  # match with what was seen last
-        self._monitor.take(measurement, T_before, step)
+        self._monitor.take(measurement, T_before, step, told_m2)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._first + step.keyframe)
         self._steps.append(replace(step, session=self._session))

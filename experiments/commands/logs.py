@@ -217,6 +217,7 @@ def slam(
         result = slam_log.run(
             log, reference, relations, on_scan, known_map, T_start, choice, observer
         )
+        online.keep(result.used_pass)
         if stream is not None:
             show_map(stream, result, reference)
     unwritten = slam_files.write_results(result, out)

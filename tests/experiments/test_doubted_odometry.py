@@ -6,10 +6,15 @@ from pathlib import Path
 import pytest
 
 from experiments import slam_log
+from experiments.slam_files import OnlinePoses
 from experiments.slam_log import SlamLog, default_mapped, table
+from slam.keyframes import StepStatus
+from slam.mapper_config import MapperConfig
+from slam.mapping import MapperStep
 from slam.readers.log import Log
-from slam.readers.log_odometry import unknown_motion
 from slam.readers.recognition import read_log
+from slam.se2 import SE2
+from slam.trajectory import read_tum
 
 LOG = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
 
@@ -29,6 +34,10 @@ def judged(mapped: SlamLog, is_good: bool, by: str) -> SlamLog:
     return replace(mapped, name=by, slam_map=replace(mapped.slam_map, verdict=verdict))
 
 
+def again(config: MapperConfig | None) -> bool:
+    return config is not None and config.is_odometry_doubted
+
+
 @pytest.mark.parametrize(
     ("told_is_good", "guess_is_good", "used"),
     [(True, False, "told"), (False, True, "guess"), (False, False, "told")],
@@ -38,29 +47,64 @@ def test_guess_is_taken_where_it_alone_holds_together(
 ):
     passes = []
 
-    def drive(log: Log) -> SlamLog:
-        is_guess = log.noise is unknown_motion
+    def drive(log: Log, config: MapperConfig | None = None) -> SlamLog:
+        is_guess = again(config)
         passes.append(is_guess)
         is_good = guess_is_good if is_guess else told_is_good
         return judged(mapped, is_good, "guess" if is_guess else "told")
 
     result = slam_log._best_mapped(log, drive)
+    summary = result.summary()
     assert result.name == used
     assert passes == ([False] if told_is_good else [False, True])
-    assert result.summary()["odometry_doubted"] is (used == "guess")
-    assert ("a guess alone" in table(result.summary())) is (used == "guess")
+    assert result.used_pass == (1 if used == "guess" else 0)
+    assert summary["odometry_doubted"] is (used == "guess")
+    spent_s = mapped.online_cpu_s + mapped.finish_cpu_s
+    assert summary["cpu_s"]["other_passes"] == (0.0 if told_is_good else spent_s)
+    assert ("a guess alone" in table(summary)) is (used == "guess")
+    assert ("another pass over the log" in table(summary)) is not told_is_good
 
 
-def test_log_without_odometry_has_none_to_doubt(log, mapped):
+def test_what_is_no_fault_of_odometry_is_not_mapped_again(log, mapped):
+    failed = judged(mapped, False, "never joined")
     alone = replace(log, has_odometry=False)
-    assert not slam_log._best_mapped(
-        alone, lambda _: judged(mapped, False, "told")
-    ).is_odometry_doubted
+    assert slam_log._best_mapped(alone, lambda *_: failed) is failed
+    steps = tuple(replace(step, session=1) for step in failed.slam_map.steps)
+    keyframes = tuple(replace(one, session=1) for one in failed.slam_map.keyframes)
+    two = replace(failed.slam_map, steps=steps, keyframes=keyframes)
+    blind = replace(two, steps=(replace(steps[0], keyframe=-1), *steps[1:]))
+    failed = replace(failed, slam_map=blind)
+    assert failed.slam_map.unjoined == (1,)
+    assert slam_log._best_mapped(log, lambda *_: failed) is failed
+
+
+def test_interrupt_of_the_second_look_leaves_the_first_map(log, mapped):
+    def drive(log: Log, config: MapperConfig | None = None) -> SlamLog:
+        if again(config):
+            raise KeyboardInterrupt
+        return judged(mapped, False, "told")
+
+    result = slam_log._best_mapped(log, drive)
+    assert result.name == "told"
+    assert "interrupted" in result.notes[0]
 
 
 def test_drive_is_mapped_with_odometry_as_a_guess(log, mapped):
-    guessed = default_mapped(replace(log, noise=unknown_motion))
+    guessed = slam_log._mapped(log, MapperConfig(is_odometry_doubted=True), known=None)
     assert guessed.slam_map.verdict.is_good
     assert len(guessed.trajectory) == len(mapped.trajectory)
     off_m = guessed.trajectory.poses[:, :2] - mapped.trajectory.poses[:, :2]
     assert abs(off_m).max() < 0.05
+
+
+@pytest.mark.parametrize(("used", "kept"), [(0, "0.0"), (1, "1.0")])
+def test_online_poses_are_those_of_the_map_that_is_used(tmp_path, used, kept):
+    with OnlinePoses(tmp_path) as online:
+        for number in range(2):
+            step = MapperStep(5.0, SE2(float(number), 0.0, 0.0), StepStatus.MATCHED, 1.0, 0)
+            online.add(0, step)
+            online.add(1, step)
+        assert read_tum(tmp_path / "online.tum").poses[0, 0] == 0.0
+        online.keep(used)
+    assert [path.name for path in tmp_path.iterdir()] == ["online.tum"]
+    assert str(read_tum(tmp_path / "online.tum").poses[0, 0]) == kept

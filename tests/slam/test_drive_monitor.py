@@ -15,7 +15,8 @@ def objections(by_wheels: SE2, by_scan: SE2, *, is_open: bool, covariance=None) 
     monitor, T_before = DriveMonitor(5.0), SE2(4.0, 1.0, 0.2)
     T = T_before @ by_scan
     step = FrontEndStep(7.0, 0, T, T, StepStatus.MATCHED, 0.9, True, is_open=is_open)
-    monitor.take(Measurement(7.0, by_wheels, SCAN, covariance), T_before, step)
+    measurement = Measurement(7.0, by_wheels, SCAN, covariance)
+    monitor.take(measurement, T_before, step, measurement.motion_covariance[0, 0])
     return monitor.objections([step])
 
 

@@ -27,8 +27,8 @@ from tests.slam.synthetic import box, room
 MARGINS = ConsistencyConfig().margins
 
 
-def mapped(measurements) -> SlamMap:
-    mapper = Mapper(ring.T_BASE_LASER)
+def mapped(measurements, config: MapperConfig | None = None) -> SlamMap:
+    mapper = Mapper(ring.T_BASE_LASER, config)
     for measurement in measurements:
         mapper.update(measurement)
     return mapper.finish()
@@ -245,16 +245,17 @@ def test_corridor_without_wheels_and_without_an_end_in_reach_is_called_failed():
     assert "neither scans nor wheels tell how far the robot went" in reason
 
 
+@pytest.mark.parametrize("is_doubted", [False, True])
 @pytest.mark.parametrize(
     ("scale", "is_good"),
     [(0.5, False), pytest.param(2.0, False, marks=pytest.mark.slow), (1.15, True)],
 )
-def test_ranges_in_other_units_than_the_wheels_are_told(poses, scale, is_good):
+def test_ranges_in_other_units_than_the_wheels_are_told(poses, scale, is_good, is_doubted):
     told = [
         replace(one, scan=replace(one.scan, ranges_m=scale * one.scan.ranges_m))
         for one in ring.drive(poses[:250], np.random.default_rng(2), 1.0, 1.0)
     ]
-    reasons = mapped(told).verdict.reasons
+    reasons = mapped(told, MapperConfig(is_odometry_doubted=is_doubted)).verdict.reasons
     assert any("may be in other units" in reason for reason in reasons) is not is_good
 
 
