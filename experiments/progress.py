@@ -13,7 +13,10 @@ if TYPE_CHECKING:
 
 
 class _Bar:
-    """A named progress bar with some words behind it; shown on a terminal only."""
+    """A named progress bar with some words behind it; shown on a terminal only. tells: elsewhere a line
+    after each tenth."""
+
+    tells = False
 
     def __init__(self, name: str, total: int | None) -> None:
         self._bar = Progress(
@@ -29,6 +32,7 @@ class _Bar:
             redirect_stderr=False,
         )
         self._last_words = ""
+        self._name, self._tenths = name, 0
         self._task = self._bar.add_task(name, total=total, words="")
 
     def __enter__(self) -> Self:
@@ -48,11 +52,20 @@ class _Bar:
     def _show(self, done: int, words: str, total: int | None = None, now: str = "") -> None:
         """total: None: as before. now: words more, of what is done until the bar is left."""
         self._last_words = words
+        if self.tells and self._is_hidden and total is not None:
+            self._tell_tenth(done, total, words)
         words = f"{words}; {now}" if words and now else words or now
         self._bar.update(self._task, completed=done, total=total, words=words)
         if done == total:
             # what comes now may keep the thread that draws from its turn
             self._bar.refresh()
+
+    def _tell_tenth(self, done: int, total: int, words: str) -> None:
+        """Where each tenth of so many begins to be over; anew where it is done once more."""
+        tenths = 10 * done // total
+        if tenths > self._tenths and total >= 10:
+            print(f"{self._name} {done} of {total}: {words}", file=sys.stderr)
+        self._tenths = tenths
 
 
 class TrialProgress(_Bar):
@@ -60,7 +73,7 @@ class TrialProgress(_Bar):
 
     def __init__(self, name: str, trials: int, methods: tuple[str, ...]) -> None:
         super().__init__(name, trials)
-        self._name, self._trials = name, trials
+        self._trials = trials
         self._done, self._raised = 0, 0
         self._successes = dict.fromkeys(methods, 0)
 
@@ -98,6 +111,8 @@ class TrialProgress(_Bar):
 class ScanProgress(_Bar):
     """A progress bar over the scans of a log; with the last verdict where there is one."""
 
+    tells = True
+
     def __init__(self, name: str) -> None:
         super().__init__(name, None)
 
@@ -134,6 +149,8 @@ class DriveProgress(_Bar):
 
 class SlamProgress(_Bar):
     """A progress bar over the scans of a log that is mapped: the last step, and the loops so far."""
+
+    tells = True
 
     def __init__(self, name: str) -> None:
         super().__init__(name, None)

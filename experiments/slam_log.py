@@ -23,6 +23,7 @@ from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
 from slam.front_end import FrontEndConfig
 from slam.keyframes import StepStatus
+from slam.map_consistency import leaves_no_doubt
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.metrics import read_relations
@@ -203,8 +204,8 @@ def check_same_time(log: Log, times_s: FloatArray, path: Path) -> None:
 
 def _best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
     """The log mapped; where that does not hold together, once more with its odometry as a guess from
-    which scans are matched, and no more. Either map is judged alike, by what its scans say against
-    odometry too. Whoever interrupts the second look gets what came of the first."""
+    which scans are matched, and no more. That map is judged more strictly, and by what its scans say
+    against odometry too. Whoever interrupts the second look gets what came of the first."""
     first, passes, log, config = _by_best_wheels(log, mapped)
     slam_map = first.slam_map
     if slam_map.verdict.is_good or slam_map.unjoined or not log.has_odometry:
@@ -214,7 +215,7 @@ def _best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
     except KeyboardInterrupt:
         said = "interrupted while the log was mapped once more: this is the first map"
         return replace(first, notes=(said,))
-    if not again.slam_map.verdict.is_good:
+    if not leaves_no_doubt(again.slam_map.verdict):
         return _beside(first, again)
     again = replace(again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True)
     return _beside(again, first)

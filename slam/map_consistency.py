@@ -102,6 +102,14 @@ def judged(
     return MapVerdict(not reasons, passed_ratio, bad_pairs, pairs, tuple(reasons))
 
 
+def leaves_no_doubt(verdict: MapVerdict, config: ConsistencyConfig | None = None) -> bool:
+    """Whether a map is to be used though the same scans made one before that had failed: who looks
+    twice is wrong twice as often, so that far less than usual may speak against it."""
+    config = config or ConsistencyConfig()
+    is_quiet = verdict.passed_ratio <= 0.5 * config.most_passed
+    return verdict.is_good and is_quiet and verdict.bad_pairs <= config.doubtful_pairs
+
+
 def acquitted(
     verdict: MapVerdict,
     keyframes: Sequence[Keyframe],

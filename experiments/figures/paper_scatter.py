@@ -54,7 +54,10 @@ def scatter_drawn(folder: Path) -> Figure:
         _scatter_panel(axis, method, errors_cm, summary, poses)
     for axis in axes[:, 0]:
         axis.set_ylabel("error in Y [cm]")
-    figure.suptitle(f"{title_of(summary['experiment'], poses)}: estimated minus true position")
+    # one panel is narrower than the title in one line
+    between = ": " if columns > 1 else ":\n"
+    title = f"{title_of(summary['experiment'], poses)}{between}estimated minus true position"
+    figure.suptitle(title, wrap=True)
     legend_below(figure, axes[0][0], ncols=3)
     return figure
 

@@ -65,6 +65,21 @@ def test_guess_is_taken_where_it_alone_holds_together(
     assert ("another pass over the log" in table(summary)) is not told_is_good
 
 
+@pytest.mark.parametrize(
+    ("against", "is_used"),
+    [({"passed_ratio": 0.02, "bad_pairs": 0.007}, True), ({"passed_ratio": 0.03}, False),
+     ({"bad_pairs": 0.008}, False)],
+)  # fmt: skip
+def test_guess_is_taken_only_beyond_doubt(log, mapped, against, is_used):
+    # a third of the beams of aces lost: 0.5 m off, and no check was failed
+    def drive(log: Log, config: MapperConfig | None = None) -> SlamLog:
+        result = judged(mapped, again(config), "by")
+        verdict = replace(result.slam_map.verdict, **against)
+        return replace(result, slam_map=replace(result.slam_map, verdict=verdict))
+
+    assert slam_log._best_mapped(log, drive).is_odometry_doubted is is_used
+
+
 def test_what_is_no_fault_of_odometry_is_not_mapped_again(log, mapped):
     failed = judged(mapped, False, "never joined")
     alone = replace(log, has_odometry=False)

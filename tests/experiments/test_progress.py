@@ -8,7 +8,10 @@ from pathlib import Path
 import pytest
 
 from experiments.cli import main
-from experiments.progress import DriveProgress
+from experiments.progress import DriveProgress, SlamProgress
+from slam.keyframes import StepStatus
+from slam.mapping import MapperStep
+from slam.se2 import SE2
 
 DATA = Path(__file__).parents[1] / "data"
 LOG = str(DATA / "fr101-excerpt.clf.gz")
@@ -70,3 +73,15 @@ def test_nothing_moves_where_no_terminal_is(capsys):
         progress.update(1.0, 2.0)
         progress.update(2.0, 2.0)
     assert capsys.readouterr().err == ""
+
+
+def test_a_log_says_each_tenth_where_no_terminal_is(capsys):
+    step = MapperStep(0.0, SE2.identity(), StepStatus.MATCHED, 1.0, 4)
+    with SlamProgress("fr101") as progress:
+        for _ in range(2):  # two passes
+            for index in range(25):
+                progress.update(index, 25, step)
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 20
+    assert told[0] == "fr101 3 of 25: matched, 4 loops"
+    assert told[9] == told[19] == "fr101 25 of 25: matched, 4 loops"
