@@ -15,6 +15,8 @@ from experiments.figures.canvas import colour, legend_below, saved
 from experiments.tables import title_of
 
 _LIMIT_CM = 4.0
+_LEAST_WIDTH_IN = 5.5
+"""Chosen: half of the title fits."""
 _MOST_COLUMNS = 3
 """Chosen: six side by side cannot be read on paper, let alone on a phone."""
 
@@ -38,7 +40,7 @@ def scatter_drawn(folder: Path) -> Figure:
     columns = min(len(methods), _MOST_COLUMNS)
     rows_of_panels = -(-len(methods) // columns)
     figure, axes = plt.subplots(
-        rows_of_panels, columns, figsize=(3.4 * columns, 3.8 * rows_of_panels + 0.5),
+        rows_of_panels, columns, figsize=(max(3.4 * columns, _LEAST_WIDTH_IN), 3.8 * rows_of_panels + 0.8),
         squeeze=False, layout="constrained",
     )  # fmt: skip
     for axis in axes.flat[len(methods) :]:
@@ -54,10 +56,11 @@ def scatter_drawn(folder: Path) -> Figure:
         _scatter_panel(axis, method, errors_cm, summary, poses)
     for axis in axes[:, 0]:
         axis.set_ylabel("error in Y [cm]")
-    # one panel is narrower than the title in one line
-    between = ": " if columns > 1 else ":\n"
-    title = f"{title_of(summary['experiment'], poses)}{between}estimated minus true position"
-    figure.suptitle(title, wrap=True)
+    # fewer panels are narrower than the title in one line
+    between = ": " if columns > 2 else ":\n"
+    figure.suptitle(
+        f"{title_of(summary['experiment'], poses)}{between}estimated minus true position"
+    )
     legend_below(figure, axes[0][0], ncols=3)
     return figure
 

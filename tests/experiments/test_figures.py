@@ -80,20 +80,41 @@ def test_scatter_counts_what_lies_outside(tmp_path, run_trials):
     assert "of 2 succeed, 1 off this picture" in (folder / "scatter.svg").read_text()
 
 
-def test_panels_of_five_methods_stand_in_two_rows(tmp_path):
-    names = ("odometry", "line", "paper", "open3d", "limit")
+def scatter_of_no_trial(folder, experiment, names, poses):
     values = {"x_cm": {"mean": 1.0, "std": 1.0}, "y_cm": {"mean": 1.0, "std": 1.0}}
     methods = {name: {"failures": 0} for name in names}
-    summary = {"experiment": "localization", "trials": 0, "methods": methods}
-    (tmp_path / "summary.json").write_text(json.dumps(summary | {"paper_values": values}))
-    (tmp_path / "config.json").write_text('{"config": {"poses": "paper"}}')
-    (tmp_path / "trials.csv").write_text("method,status,x_error_m,y_error_m\n")
-    figure = scatter_drawn(tmp_path)
+    summary = {"experiment": experiment, "trials": 0, "methods": methods}
+    (folder / "summary.json").write_text(json.dumps(summary | {"paper_values": values}))
+    (folder / "config.json").write_text(json.dumps({"config": {"poses": poses}}))
+    (folder / "trials.csv").write_text("method,status,x_error_m,y_error_m\n")
+    return scatter_drawn(folder)
+
+
+def test_panels_of_five_methods_stand_in_two_rows(tmp_path):
+    names = ("odometry", "line", "paper", "open3d", "limit")
+    figure = scatter_of_no_trial(tmp_path, "localization", names, "paper")
     width_in, height_in = figure.get_size_inches()
     # side by side they were four times as wide as high, and shrunk to that on a page
     assert width_in < 1.5 * height_in
     shown = [axis for axis in figure.axes if axis.get_visible()]
     assert [axis.get_title().split("\n")[0] for axis in shown] == list(names)
+    plt.close(figure)
+
+
+@pytest.mark.parametrize("names", [("limit",), ("open3d", "limit")])
+def test_title_of_few_panels_lies_in_the_picture(tmp_path, names):
+    # `run kidnap --method limit` cut it off at both ends
+    figure = scatter_of_no_trial(tmp_path, "kidnap", names, "anywhere")
+    figure.draw_without_rendering()
+    title_px, legend_px = (
+        figure._suptitle.get_window_extent(),
+        figure.legends[0].get_window_extent(),
+    )
+    assert title_px.x0 > 0.0
+    assert title_px.x1 < figure.bbox.x1
+    for axis in figure.axes:
+        assert axis.title.get_window_extent().y1 < title_px.y0
+        assert axis.xaxis.label.get_window_extent().y0 > legend_px.y1
     plt.close(figure)
 
 
