@@ -98,7 +98,7 @@ class TrialProgress(_Bar):
 
     def compiling(self) -> None:
         """Says why nothing happens yet."""
-        said = "loading what was compiled; the first run on a machine compiles it, some 30 s"
+        said = "loading what was compiled, or compiling it: some 30 s, once per checkout"
         self._show(self._done, "", now=said)
         if self._is_hidden:
             print(f"{self._name}: {said}", file=sys.stderr)
