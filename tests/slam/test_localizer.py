@@ -39,7 +39,7 @@ def drive(matcher: Matcher, steps: int = 15) -> tuple[list, SE2]:
     ("matcher", "limit_m"),
     [
         # 1 mm of noise; the stop rule of Fig. 2 may leave 3 cm; lines have a few millimetres
-        (Open3dMatcher(ROOM), 0.005),
+        pytest.param(Open3dMatcher(ROOM), 0.005, marks=pytest.mark.slow),
         (PaperMatcher(ROOM), 0.05),
         (LineMatcher(LineMap(ROOM_SEGMENTS)), 0.015),
     ],

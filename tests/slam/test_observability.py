@@ -98,9 +98,7 @@ def test_single_wall_is_never_matched_and_holds_what_it_can(name, of_wall):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param("paper", marks=pytest.mark.slow),
-        pytest.param("open3d", marks=pytest.mark.slow),
-        "fast",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ("paper", "open3d", "fast")),
         "limit",
     ],
 )
