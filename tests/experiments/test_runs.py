@@ -306,6 +306,22 @@ def test_interrupted_run_loses_nothing_that_was_finished(tmp_path, kidnap_argume
     assert results(tmp_path / "kidnap") == whole_run
 
 
+@needs_proc
+def test_interrupts_are_held_though_it_is_the_first_process_that_starts():
+    code = (
+        "import multiprocessing, signal, time\n"
+        "from experiments.processes import _interrupts_held\n"
+        "context = multiprocessing.get_context('spawn')\n"
+        "process = context.Process(target=time.sleep, args=(0,))\n"
+        "with _interrupts_held():\n"
+        "    process.start()\n"
+        "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ()))\n"
+        "process.kill()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"
+
+
 @pytest.mark.slow
 @needs_proc
 def test_interrupt_while_workers_still_start_is_an_interrupt_too(tmp_path, kidnap_arguments):
