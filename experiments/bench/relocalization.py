@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from experiments.progress import CountProgress
@@ -20,7 +21,7 @@ def print_benchmark(laser: str, people: int, trials: int, seed: int) -> None:
     """Prints the table over the places that ship."""
     table = Table(title=f"One scan asked for its pose, no prior: {laser}, {people} people")
     for column in ("place", "walls", "search [ms]", "query [ms]", "p99 [ms]", "first is right"):
-        table.add_column(column, justify="left" if column == "place" else "right")
+        table.add_column(escape(column), justify="left" if column == "place" else "right")
     with CountProgress("queries", trials * len(PLACES)) as progress:
         for number, place in enumerate(PLACES):
 

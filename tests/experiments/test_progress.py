@@ -63,9 +63,10 @@ def test_calibration_counts_the_seconds_of_its_drive(shown, box_room):
     assert "finding mounting and wheels" in text
 
 
-def test_queries_are_counted_over_all_places(shown, box_room, monkeypatch):
+def test_queries_are_counted_over_all_places(shown, box_room, monkeypatch, capsys):
     monkeypatch.setattr("experiments.bench.relocalization.PLACES", (box_room, box_room))
     assert "4/4" in shown("bench", "relocalization", "--trials", "2", "--people", "0")
+    assert "query [ms]" in capsys.readouterr().out
 
 
 def test_nothing_moves_where_no_terminal_is(capsys):
