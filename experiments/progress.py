@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 
 class _Bar:
-    """A named progress bar with some words behind it; shown on a terminal only. tells: elsewhere a line
-    after each tenth."""
+    """A named progress bar with some words behind it, on a terminal. tells: elsewhere a line after each
+    tenth."""
 
     tells = False
 
@@ -32,7 +32,7 @@ class _Bar:
             redirect_stderr=False,
         )
         self._last_words = ""
-        self._name, self._tenths = name, 0
+        self._name, self._total, self._tenths = name, total, 0
         self._task = self._bar.add_task(name, total=total, words="")
 
     def __enter__(self) -> Self:
@@ -51,9 +51,9 @@ class _Bar:
 
     def _show(self, done: int, words: str, total: int | None = None, now: str = "") -> None:
         """total: None: as before. now: words more, of what is done until the bar is left."""
-        self._last_words = words
-        if self.tells and self._is_hidden and total is not None:
-            self._tell_tenth(done, total, words)
+        self._last_words, self._total = words, total or self._total
+        if self.tells and self._is_hidden and self._total:
+            self._tell_tenth(done, self._total, words)
         words = f"{words}; {now}" if words and now else words or now
         self._bar.update(self._task, completed=done, total=total, words=words)
         if done == total:
@@ -63,17 +63,18 @@ class _Bar:
     def _tell_tenth(self, done: int, total: int, words: str) -> None:
         """Where each tenth of so many begins to be over; anew where it is done once more."""
         tenths = 10 * done // total
-        if tenths > self._tenths and total >= 10:
+        if tenths > self._tenths:
             print(f"{self._name} {done} of {total}: {words}", file=sys.stderr)
         self._tenths = tenths
 
 
 class TrialProgress(_Bar):
-    """A progress bar on a terminal, a line now and then elsewhere."""
+    """A progress bar over the trials of a run, and who succeeded in them."""
+
+    tells = True
 
     def __init__(self, name: str, trials: int, methods: tuple[str, ...]) -> None:
         super().__init__(name, trials)
-        self._trials = trials
         self._done, self._raised = 0, 0
         self._successes = dict.fromkeys(methods, 0)
 
@@ -86,8 +87,6 @@ class TrialProgress(_Bar):
             for name in self._successes:
                 self._successes[name] += record["methods"][name]["success"]
         self._show(self._done, self._text())
-        if self._is_hidden and self._done % max(1, self._trials // 10) == 0:
-            print(f"{self._name} {self._done} of {self._trials}: {self._text()}", file=sys.stderr)
 
     def tell(self, line: str) -> None:
         """Says what went wrong and was mended."""
@@ -123,6 +122,8 @@ class ScanProgress(_Bar):
 
 class CountProgress(_Bar):
     """A progress bar over what is done so many times."""
+
+    tells = True
 
     def __init__(self, name: str, total: int) -> None:
         super().__init__(name, total)

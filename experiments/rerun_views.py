@@ -12,7 +12,7 @@ from experiments.mapping import MappingResult
 from experiments.observer import LogObserver, TrialObserver
 from experiments.rerun_stream import RerunStream
 from experiments.slam_files import grid_or_reason
-from experiments.slam_log import SlamLog
+from experiments.slam_result import SlamLog
 from experiments.sources import MeasurementSource
 from experiments.trials import Outcome, TrialConfig, TrialResult
 from kitasap_sim.simulation import SensorFrame, Simulation

@@ -8,7 +8,7 @@ from typing import TextIO
 
 import numpy as np
 
-from experiments.slam_log import SlamLog
+from experiments.slam_result import SlamLog
 from experiments.trial_log import write_atomically
 from slam.map_files import write_map
 from slam.mapping import MapperStep

@@ -107,11 +107,10 @@ class TrialConfig:
         limits = {"start_error_m": 100.0, "start_error_rad": math.pi, "map_spacing_m": 1.0}
         limits |= {"success_m": 1000.0, "success_rad": 1000.0}  # as large for any that ends
         for name, most in limits.items():
-            value = getattr(self, name)
-            least = 0.0 if name.startswith("start") else math.ulp(0.0)
-            if not least <= value <= most:
-                what = "0 or more" if least == 0.0 else "above 0"
-                raise ValueError(f"{name} is {what} and at most {most:g}, not {value:g}")
+            value, may_be_none = getattr(self, name), name.startswith("start")
+            if not (0.0 < value <= most or (may_be_none and value == 0.0)):
+                least = "0 or more" if may_be_none else "above 0"
+                raise ValueError(f"{name} is {least} and at most {most:g}, not {value:g}")
 
     def simulation(self, rng: np.random.Generator) -> Simulation:
         """The simulated robot in its world as it truly is, at the place's start."""

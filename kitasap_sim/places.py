@@ -1,6 +1,5 @@
 """Places: MJCF worlds for the robot, their free space, and their true map at the laser's height."""
 
-import hashlib
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -33,6 +32,7 @@ from kitasap_sim.geometry import (
     static_triangles,
     visible_runs,
 )
+from kitasap_sim.place_digests import digest_of, shape_digest_of
 from kitasap_sim.place_files import place_path
 from kitasap_sim.place_map import PlaceMap
 from kitasap_sim.place_reading import compiled_place, read_place
@@ -150,22 +150,13 @@ class Place:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of the compiled place: what its file includes and its meshes count as well."""
-        content = np.zeros(mujoco.mj_sizeModel(self.model), dtype=np.uint8)
-        mujoco.mj_saveModel(self.model, None, content)
-        return hashlib.sha256(content.tobytes()).hexdigest()
+        """Of the compiled place: what its file includes and its meshes count as well."""
+        return digest_of(self.model)
 
     @cached_property
     def shape_digest(self) -> str:
-        """SHA-256 of what stands where, to a micrometre: of one MuJoCo, the same on every machine,
-        where the last digits of what is compiled are not."""
-        model, said = self.model, hashlib.sha256()
-        placed = (model.body_pos, model.body_quat, model.geom_pos, model.geom_quat)
-        for array in (model.geom_type, *placed, model.geom_size, model.mesh_vert):
-            # no zero with a sign
-            rounded = np.round(np.asarray(array, dtype=np.float64), 6) + 0.0
-            said.update(rounded.tobytes())
-        return said.hexdigest()
+        """Of what stands where, to a micrometre."""
+        return shape_digest_of(self.model)
 
     @cached_property
     def solid_bounds_m(self) -> np.ndarray:

@@ -137,7 +137,7 @@ class Mapper:
         )  # fmt: skip
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = too_far_adrift(slam_map.drift_m)
-        return replace(slam_map, verdict=slam_map.verdict.with_reasons(said))
+        return slam_map.objected(said)
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""

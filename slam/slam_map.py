@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -53,6 +53,12 @@ class SlamMap:
         """Sessions, from 0, of which nobody knows where they lie on the map of those before."""
         blind = {step.session for step in self.steps if step.keyframe < 0} - {0}
         return tuple(sorted({*blind, *unjoined_sessions(self.keyframes, self.loops)}))
+
+    def objected(self, reasons: Sequence[str]) -> SlamMap:
+        """The map with more to be said against it; itself, if there is none."""
+        if not reasons:
+            return self
+        return replace(self, verdict=self.verdict.with_reasons(reasons))
 
     @cached_property
     def drift_m(self) -> float:

@@ -190,7 +190,7 @@ def slam(
     rerun: Rerun = None,
 ) -> None:
     """Maps a recorded log: trajectory of every record, ROS map, pose graph, picture, verdict."""
-    from experiments import evaluation, slam_files, slam_log
+    from experiments import evaluation, slam_files, slam_log, slam_result
     from experiments.figures import slam_map_picture
     from experiments.observer import NO_ONE
     from experiments.progress import SlamProgress
@@ -224,7 +224,7 @@ def slam(
     slam_map_picture(out, result)
     summary = result.summary()
     _print_notes(result.notes)
-    print(slam_log.table(summary))
+    print(slam_result.table(summary))
     if result.evaluation is not None:
         print(evaluation.table(result.evaluation.summary(), log.name))
     if unwritten:

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from experiments.figures.canvas import height_by_width, plain, saved
 from experiments.figures.grid import draw_grid
 from experiments.slam_files import grid_or_reason
-from experiments.slam_log import SlamLog
+from experiments.slam_result import SlamLog
 from slam.occupancy_grid import UNKNOWN
 from slam.se2 import SE2
 

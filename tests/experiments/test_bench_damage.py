@@ -125,7 +125,7 @@ def test_log_too_short_to_be_damaged_is_refused(tmp_path, capsys, monkeypatch):
 def test_reference_of_another_time_is_refused_before_anything_is_mapped(
     bench, tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("experiments.slam_log._mapped", lambda *_, **__: pytest.fail("mapped"))
+    monkeypatch.setattr("experiments.slam_log.mapped_once", lambda *_, **__: pytest.fail("mapped"))
     other = tmp_path / "other.tum"
     other.write_text("9000 0 0 0 0 0 0 1\n9001 1 0 0 0 0 0 1\n")
     said = refusal(capsys, "bench", bench, str(LOG), "--reference", str(other))

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments import slam_log
 from experiments.slam_files import OnlinePoses
-from experiments.slam_log import SlamLog, default_mapped, table
+from experiments.slam_log import default_mapped
+from experiments.slam_passes import best_mapped, mapped_once
+from experiments.slam_result import SlamLog, table
 from slam.keyframes import StepStatus
 from slam.mapper_config import MapperConfig
 from slam.mapping import MapperStep
@@ -53,7 +54,7 @@ def test_guess_is_taken_where_it_alone_holds_together(
         is_good = guess_is_good if is_guess else told_is_good
         return judged(mapped, is_good, "guess" if is_guess else "told")
 
-    result = slam_log._best_mapped(log, drive)
+    result = best_mapped(log, drive)
     summary = result.summary()
     assert result.name == used
     assert passes == ([False] if told_is_good else [False, True])
@@ -77,20 +78,20 @@ def test_guess_is_taken_only_beyond_doubt(log, mapped, against, is_used):
         verdict = replace(result.slam_map.verdict, **against)
         return replace(result, slam_map=replace(result.slam_map, verdict=verdict))
 
-    assert slam_log._best_mapped(log, drive).is_odometry_doubted is is_used
+    assert best_mapped(log, drive).is_odometry_doubted is is_used
 
 
 def test_what_is_no_fault_of_odometry_is_not_mapped_again(log, mapped):
     failed = judged(mapped, False, "never joined")
     alone = replace(log, has_odometry=False)
-    assert slam_log._best_mapped(alone, lambda *_: failed) is failed
+    assert best_mapped(alone, lambda *_: failed) is failed
     steps = tuple(replace(step, session=1) for step in failed.slam_map.steps)
     keyframes = tuple(replace(one, session=1) for one in failed.slam_map.keyframes)
     two = replace(failed.slam_map, steps=steps, keyframes=keyframes)
     blind = replace(two, steps=(replace(steps[0], keyframe=-1), *steps[1:]))
     failed = replace(failed, slam_map=blind)
     assert failed.slam_map.unjoined == (1,)
-    assert slam_log._best_mapped(log, lambda *_: failed) is failed
+    assert best_mapped(log, lambda *_: failed) is failed
 
 
 def test_interrupt_of_the_second_look_leaves_the_first_map(log, mapped):
@@ -99,13 +100,13 @@ def test_interrupt_of_the_second_look_leaves_the_first_map(log, mapped):
             raise KeyboardInterrupt
         return judged(mapped, False, "told")
 
-    result = slam_log._best_mapped(log, drive)
+    result = best_mapped(log, drive)
     assert result.name == "told"
     assert "interrupted" in result.notes[0]
 
 
 def test_drive_is_mapped_with_odometry_as_a_guess(log, mapped):
-    guessed = slam_log._mapped(log, MapperConfig(is_odometry_doubted=True), known=None)
+    guessed = mapped_once(log, MapperConfig(is_odometry_doubted=True), known=None)
     assert guessed.slam_map.verdict.is_good
     assert len(guessed.trajectory) == len(mapped.trajectory)
     off_m = guessed.trajectory.poses[:, :2] - mapped.trajectory.poses[:, :2]

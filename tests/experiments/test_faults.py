@@ -306,8 +306,9 @@ def test_run_killed_at_50_random_moments_gives_the_bytes_of_an_undisturbed_one(t
         try:
             # anywhere: as it starts, in the middle, and as it writes what came out
             wanted = before + moments.randint(0, 10)
-            is_there = lambda log=log, n=wanted: lines_in(log) >= n  # noqa: E731
-            assert wait_until(lambda p=process, f=is_there: f() or p.poll() is not None, 300)
+            assert wait_until(
+                lambda p=process, log=log, n=wanted: lines_in(log) >= n or p.poll() is not None, 300
+            )
             time.sleep(moments.uniform(0.0, 0.1 if wanted > before else 3.0))
         finally:
             process.kill()

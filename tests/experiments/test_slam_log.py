@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from experiments.cli import main
-from experiments.slam_log import table
+from experiments.slam_result import table
 from slam import read_map, read_slam_map, read_tum
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
@@ -116,7 +116,7 @@ def test_foreign_file_is_refused_in_one_line(tmp_path, capsys, content):
 
 
 def test_reference_that_is_none_is_refused_before_the_log_is_mapped(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("experiments.slam_log.Mapper", lambda *_: pytest.fail("mapped first"))
+    monkeypatch.setattr("experiments.slam_passes.Mapper", lambda *_: pytest.fail("mapped first"))
     path = tmp_path / "reference.tum"
     path.write_text("no poses\n")
     line = refusal(capsys, "slam", LOG, "--out", tmp_path / "out", "--reference", path)
@@ -212,7 +212,7 @@ def test_start_that_lies_farther_off_the_map_than_it_reaches_is_refused_before_t
     folder, tmp_path, capsys, monkeypatch
 ):
     # mapped to its end, such a log once left nothing: no grid holds two maps a kilometre apart
-    monkeypatch.setattr("experiments.slam_log._best_mapped", lambda *_: pytest.fail("mapped first"))
+    monkeypatch.setattr("experiments.slam_log.best_mapped", lambda *_: pytest.fail("mapped first"))
     arguments = ["slam", LOG, "--map", folder / "map.kitasap", "--out", tmp_path / "out"]
     line = refusal(capsys, *arguments, "--start", "1000", "1000", "0")
     assert line.startswith("--start 1000 1000 lies 13")
@@ -278,7 +278,7 @@ def test_log_whose_laser_tells_nothing_is_refused_and_leaves_the_folder_as_it_wa
 def test_reference_of_another_log_or_no_folder_is_refused_before_the_log_is_mapped(
     tmp_path, capsys, monkeypatch
 ):
-    monkeypatch.setattr("experiments.slam_log.Mapper", None)
+    monkeypatch.setattr("experiments.slam_passes.Mapper", None)
     other, out = tmp_path / "other.tum", tmp_path / "out"
     other.write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
     said = refusal(capsys, "slam", LOG, "--reference", other, "--out", out)

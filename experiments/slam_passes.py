@@ -1,0 +1,194 @@
+"""A recorded log mapped, in as many passes over it as it takes."""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.memory import resident_mb
+from experiments.observer import NO_ONE, LogObserver
+from experiments.slam_result import SlamLog
+from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_summary
+from slam.arrays import FloatArray
+from slam.drive_monitor import told_by_wheels_alone
+from slam.front_end import FrontEndConfig
+from slam.map_consistency import leaves_no_doubt
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper, MapperStep
+from slam.pose_lookup import PoseLookup
+from slam.readers.log import Log, MotionSinceScan
+from slam.se2 import SE2
+from slam.slam_map import SlamMap
+from slam.trajectory import Trajectory
+from slam.warm_up import warm_up
+
+OnScan = Callable[[int, int, MapperStep], None]
+
+
+def best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
+    """The log mapped; where that does not hold together, once more with its odometry as a guess from
+    which scans are matched, and no more. That map is judged more strictly, and by what its scans say
+    against odometry too. Whoever interrupts the second look gets what came of the first."""
+    first, passes, log, config = _by_best_wheels(log, mapped)
+    slam_map = first.slam_map
+    if slam_map.verdict.is_good or slam_map.unjoined or not log.has_odometry:
+        return first  # a session is not joined by other odometry
+    try:
+        again = mapped(log, replace(config, is_odometry_doubted=True))
+    except KeyboardInterrupt:
+        said = "interrupted while the log was mapped once more: this is the first map"
+        return replace(first, notes=(said,))
+    if not leaves_no_doubt(again.slam_map.verdict):
+        return _beside(first, again)
+    again = replace(again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True)
+    return _beside(again, first)
+
+
+def _by_best_wheels(
+    log: Log, mapped: Callable[..., SlamLog]
+) -> tuple[SlamLog, int, Log, MapperConfig]:
+    """The log mapped, in how many passes, and what it was mapped from. Where it tells ticks, twice: by
+    the wheels as assumed, and as the drive shows them. The map is that which holds together, and of
+    two that do, the sharper one."""
+    usual = MapperConfig()
+    first, calibrated = mapped(log, usual), calibrated_log(log)
+    if calibrated is None:
+        return first, 1, log, usual
+    second = replace(mapped(calibrated.log, calibrated.mapper), used_pass=1)
+    maps = first.slam_map, second.slam_map
+    doubts = [(not one.verdict.is_good, map_spread_m(one) or math.inf) for one in maps]
+    is_used = calibrated.is_sharper and doubts[1] < doubts[0]
+    wheels = wheels_summary(calibrated, maps, is_used)
+    if is_used:
+        used = replace(_beside(second, first), wheels=wheels)
+        return used, 2, calibrated.log, calibrated.mapper
+    return replace(_beside(first, second), wheels=wheels), 2, log, usual
+
+
+def _beside(used: SlamLog, other: SlamLog) -> SlamLog:
+    """A pass that is used, with what another one took."""
+    spent_s = other.online_cpu_s + other.finish_cpu_s + other.other_passes_cpu_s
+    return replace(used, other_passes_cpu_s=used.other_passes_cpu_s + spent_s)
+
+
+def mapped_once(
+    log: Log,
+    config: MapperConfig | None = None,
+    *,
+    known: SlamMap | None,
+    start: SE2 | None = None,
+    on_scan: OnScan | None = None,
+    observer: LogObserver = NO_ONE,
+) -> SlamLog:
+    """One pass over a log."""
+    mapper = (
+        Mapper(log.T_base_laser, config)
+        if known is None
+        else Mapper.continued(known, log.T_base_laser, start, config)
+    )
+    started_s = time.thread_time()
+    warm_up(is_continued=known is not None)
+    warm_up_s = time.thread_time() - started_s
+    with _left_alone():
+        return replace(_driven(log, mapper, known, on_scan, observer), warm_up_cpu_s=warm_up_s)
+
+
+@contextmanager
+def _left_alone() -> Iterator[None]:
+    """What was there before is no more looked through for garbage, in the middle of a scan: with
+    all that was imported it took 0.13 s."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+def _driven(
+    log: Log,
+    mapper: Mapper,
+    known: SlamMap | None,
+    on_scan: OnScan | None,
+    observer: LogObserver,
+) -> SlamLog:
+    """The log through the mapper, record by record; its warm-up is not known here."""
+    observer.begins(log)
+    joined_at, index, slowest_s, watched_s = None, 0, 0.0, 0.0
+    started_s, before_mb = time.thread_time(), resident_mb()
+    motion = MotionSinceScan(log.noise)
+    times_s, odometry, scan_rows = [], [], []
+    for row, record in enumerate(log.records):
+        times_s.append(record.time_s)
+        odometry.append(record.T_odom_base.as_array())
+        measurement = motion.add(record)
+        if measurement is None:
+            continue
+        update_s = time.thread_time()
+        step = mapper.update(measurement)
+        slowest_s = max(slowest_s, time.thread_time() - update_s)
+        watched_from_s = time.thread_time()
+        observer.mapped(measurement, step, mapper)
+        watched_s += time.thread_time() - watched_from_s
+        scan_rows.append(row)
+        if not step.is_joined:
+            joined_at = None
+        elif joined_at is None:
+            joined_at = index
+        if on_scan is not None:
+            on_scan(index, log.scan_count, step)
+        index += 1
+    online_s = time.thread_time() - started_s - watched_s
+    after_mb = resident_mb()
+    memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
+    slam_map = mapper.finish()
+    objections = _without_scans(np.array(times_s), np.array(odometry), scan_rows)
+    slam_map = slam_map.objected(objections)
+    finish_s = time.thread_time() - started_s - online_s - watched_s
+    of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
+    trajectory = _of_records(
+        log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
+    )
+    is_joined = known is not None and known.session_count not in slam_map.unjoined
+    return SlamLog(
+        log.name, slam_map, trajectory, online_s, finish_s, slowest_s, 0.0, memory_mb,
+        joined_at=joined_at if is_joined else None,
+    )  # fmt: skip
+
+
+def _without_scans(times_s: FloatArray, odometry: FloatArray, scan_rows: list[int]) -> list[str]:
+    """In words, where the log begins or ends with a long way and no scans at all."""
+    if not scan_rows:
+        return []
+    said = []
+    for part in (slice(0, scan_rows[0] + 1), slice(scan_rows[-1], None)):
+        way_m = float(np.hypot(*np.diff(odometry[part, :2], axis=0).T).sum())
+        if way_m > FrontEndConfig.most_blind_m:
+            said.append(told_by_wheels_alone(times_s[part][0], times_s[part][-1], way_m))
+    return said
+
+
+def _of_records(
+    log: Log,
+    times_s: np.ndarray,
+    odometry: np.ndarray,
+    scan_rows: np.ndarray,
+    of_scans: Trajectory,
+) -> Trajectory:
+    """The pose of every record; of scans alone without odometry."""
+    if not log.has_odometry:
+        return of_scans
+    # by the rows of the log: stamps may go back
+    rows = np.arange(len(times_s), dtype=np.float64)
+    lookup = PoseLookup(
+        Trajectory(scan_rows.astype(np.float64), of_scans.poses), Trajectory(rows, odometry),
+        max_gap_s=float(len(times_s)),
+    )  # fmt: skip
+    poses = lookup.at(rows)
+    is_placed = np.isfinite(poses).all(axis=1)
+    return Trajectory(times_s[is_placed], poses[is_placed])

@@ -1,0 +1,148 @@
+"""What mapping a recorded log gave: its numbers, and what is said of them."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from experiments.evaluation import Evaluation
+from experiments.slam_wheels import wheels_line
+from slam.keyframes import StepStatus
+from slam.slam_map import SlamMap
+from slam.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class SlamLog:
+    """What mapping a log gave.
+
+    trajectory: of every record, odometry alone too. online_cpu_s, finish_cpu_s: processor time of all
+    updates, the reading of the log among them, and of the end; slowest_update_cpu_s: of one scan;
+    warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which memory had grown
+    with the last scan, None where the system does not tell.
+    evaluation: against a reference, where there is one. continued: name of the map that the log's
+    session continued, None: of none; joined_at: the scan with which it was joined, None: with none,
+    but at the end, if at all.
+    wheels: what calibrating them from the drive gave, where the log tells their ticks.
+    is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
+    not hold together. notes: what of the log was taken, in words. used_pass: which pass over the log
+    this is, from 0, where it was mapped more than once; other_passes_cpu_s: what the others took.
+    """
+
+    name: str
+    slam_map: SlamMap
+    trajectory: Trajectory
+    online_cpu_s: float
+    finish_cpu_s: float
+    slowest_update_cpu_s: float
+    warm_up_cpu_s: float
+    memory_mb: float | None
+    evaluation: Evaluation | None = None
+    continued: str | None = None
+    joined_at: int | None = None
+    wheels: dict[str, Any] | None = None
+    is_odometry_doubted: bool = False
+    notes: tuple[str, ...] = ()
+    used_pass: int = 0
+    other_passes_cpu_s: float = 0.0
+
+    @property
+    def way_m(self) -> float:
+        """Along the trajectory."""
+        return float(np.hypot(*np.diff(self.trajectory.poses[:, :2], axis=0).T).sum())
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers, for `summary.json`."""
+        slam_map, verdict = self.slam_map, self.slam_map.verdict
+        session = slam_map.session_count - 1
+        steps = [step for step in slam_map.steps if step.session == session]
+        counts = Counter(step.status.value for step in steps)
+        return {
+            "experiment": "slam",
+            "log": self.name,
+            "verdict": "good" if verdict.is_good else "failed",
+            "reasons": list(verdict.reasons),
+            "continued": self.continued,
+            "joined_at": self.joined_at,
+            "sessions": [self._session(number) for number in range(slam_map.session_count)],
+            "scans": len(steps),
+            **{status.value: counts[status.value] for status in StepStatus},
+            "records": len(self.trajectory),
+            "duration_s": float(np.ptp(self.trajectory.times_s)),
+            "way_m": self.way_m,
+            "keyframes": len(slam_map.keyframes),
+            "loops": len(slam_map.loops),
+            "loops_rejected": len(slam_map.rejected),
+            "contradicted": verdict.passed_ratio,
+            "drift_m": slam_map.drift_m if math.isfinite(slam_map.drift_m) else None,
+            "cpu_s": {
+                "online": self.online_cpu_s,
+                "finish": self.finish_cpu_s,
+                "slowest_update": self.slowest_update_cpu_s,
+                "warm_up": self.warm_up_cpu_s,
+                "other_passes": self.other_passes_cpu_s,
+            },
+            "memory_mb": self.memory_mb,
+            "wheels": self.wheels,
+            "odometry_doubted": self.is_odometry_doubted,
+            "evaluation": None if self.evaluation is None else self.evaluation.summary(),
+        }
+
+    def _session(self, number: int) -> dict[str, Any]:
+        """A session of the map, from 0."""
+        times_s = self.slam_map.trajectory_of(number).times_s
+        return {
+            "scans": len(times_s),
+            "from_s": float(times_s[0]) if len(times_s) else None,
+            "to_s": float(times_s[-1]) if len(times_s) else None,
+            "joined": number not in self.slam_map.unjoined,
+        }
+
+
+def _mb(memory_mb: float | None) -> str:
+    return "an unknown amount" if memory_mb is None else f"{memory_mb:.0f} MB"
+
+
+def _said_of_map(summary: dict[str, Any]) -> list[str]:
+    """What is wrong with a map; of a good one, how far it may have drifted."""
+    drift_m = summary["drift_m"]
+    if summary["reasons"] or drift_m is None:
+        return list(summary["reasons"])
+    return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
+
+
+def table(summary: dict[str, Any]) -> str:
+    """The summary for people to read."""
+    cpu = summary["cpu_s"]
+    lines = [
+        f"{summary['log']}: {summary['scans']} scans, {summary['way_m']:.0f} m in"
+        f" {summary['duration_s']:.0f} s; {summary['keyframes']} keyframes, {summary['loops']} loops"
+        f" ({summary['loops_rejected']} rejected)",
+        f"map: {summary['verdict']}" + "".join(f"; {said}" for said in _said_of_map(summary)),
+        f"scans: {summary['matched']} matched, {summary['searched']} found by search,"
+        f" {summary['carried']} by the wheels alone, {summary['broken']} broke off",
+        f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
+        f" scan), {cpu['finish']:.1f} s to finish; memory grew by {_mb(summary['memory_mb'])}",
+    ]
+    if summary["continued"] is not None:
+        number, at = len(summary["sessions"]), summary["joined_at"]
+        if not summary["sessions"][-1]["joined"]:
+            joined = "never joined"
+        elif at is None:
+            joined = "joined at its end"
+        else:
+            joined = f"joined at scan {at + 1} of {summary['scans']}"
+        lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
+    if cpu["other_passes"] > 0.0:
+        lines[-1] += f"; {cpu['other_passes']:.1f} s for another pass over the log"
+    if summary["odometry_doubted"]:
+        lines.append(
+            "odometry: a guess alone; by it as the log tells it, the map did not hold together"
+        )
+    if summary["wheels"] is not None:
+        lines.append(wheels_line(summary["wheels"]))
+    return "\n".join(lines)
