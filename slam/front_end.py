@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -18,14 +17,13 @@ from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.measurements import Measurement
+from slam.pauses import PauseConfig, Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
 from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale, WheelScaleConfig
 
-_INTERVALS = 21
-"""Between scans, of which the median is the usual one. Chosen."""
 _LITTLE = 0.01
 """Of the odometry's information, where wheels may be far off."""
 _NEAR = 0.3, 0.15
@@ -54,11 +52,10 @@ class FrontEndConfig:
     nothing: somebody stands before it. most_blind_m: by the wheels alone; after more, they lie
     outside of what is searched, and a scan that fits may be one that looks the same; fastest_mps:
     wheels that tell of more have jumped. least_facing: share of a scan across a direction, below
-    which it leaves that open: a tenth of the least of five real logs but for one corridor. pauses:
-    after so many usual intervals between scans, and pause_s at least, a robot that has not moved
-    pause_m by its wheels may have been carried off: then it is believed to stand where it was if
-    pause_inlier_ratio of the scan fits; 0.94 and more did on the same logs, of robots carried into
-    the next room 0.77 to 0.86 in four cases of five.
+    which it leaves that open: a tenth of the least of five real logs but for one corridor.
+    pause_inlier_ratio: of the scan after a pause that must fit for the robot to be where it was; 0.94
+    and more did on the same logs, of robots carried into the next room 0.77 to 0.86 in four cases of
+    five.
     most_passed: share of what a keyframe shortly before shows in view of the scan, of at least
     min_points, that its beams went through, by margins [m] and as a share: then the scan is
     taken elsewhere, however well it fits; of five real logs 0.36 and less, among four who walk along
@@ -87,9 +84,7 @@ class FrontEndConfig:
     most_blind_m: float = 5.0
     fastest_mps: float = 10.0
     least_facing: float = 0.003
-    pauses: float = 5.0
-    pause_s: float = 2.0
-    pause_m: float = 0.8
+    pauses: PauseConfig = field(default_factory=PauseConfig)
     pause_inlier_ratio: float = 0.9
     most_passed: float = 0.75
     margins: tuple[float, float] = (0.15, 0.02)
@@ -113,7 +108,7 @@ class FrontEnd:
         self._P: FloatArray = np.zeros((3, 3))
         self._laser = FrozenLaser()
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
-        self._intervals_s: deque[float] = deque(maxlen=_INTERVALS)
+        self._pauses = Pauses(self.config.pauses)
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
@@ -191,16 +186,7 @@ class FrontEnd:
     @property
     def usual_interval_s(self) -> float:
         """Between the last scans, in the median [s]; 0 where there were not two."""
-        return statistics.median(self._intervals_s) if self._intervals_s else 0.0
-
-    def _has_paused(self, measurement: Measurement) -> bool:
-        """Whether nothing came for so long before a scan that the robot may have been carried off."""
-        config, elapsed_s, intervals_s = self.config, self._elapsed_s, self._intervals_s
-        usual_s = self.usual_interval_s if len(intervals_s) == _INTERVALS else math.inf
-        if math.isfinite(elapsed_s):
-            intervals_s.append(elapsed_s)
-        has_stood = math.hypot(measurement.motion.x, measurement.motion.y) < config.pause_m
-        return has_stood and elapsed_s > max(config.pause_s, config.pauses * usual_s)
+        return self._pauses.usual_interval_s
 
     def _beams(self, measurement: Measurement) -> Beams:
         straightener, scan = self._straightener, measurement.scan
@@ -216,7 +202,7 @@ class FrontEnd:
     ) -> tuple[SurfaceMatch | None, StepStatus]:
         """The match of a scan to be believed, if there is one."""
         config, is_frozen = self.config, self._laser.repeats(measurement.scan)
-        has_paused = self._has_paused(measurement)
+        has_paused = self._pauses.take(self._elapsed_s, measurement.motion)
         if len(points) < config.min_points or is_frozen or not self._window:
             return None, StepStatus.CARRIED
         if self._blind_m > config.most_blind_m:

@@ -87,6 +87,7 @@ RANKS = (
         "map_errors",
         "views",
         "frozen_laser",
+        "pauses",
         "wheel_prior",
         "carried",
     }
