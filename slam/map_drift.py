@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from slam.arrays import IntArray
+from slam.arrays import FloatArray, IntArray
 from slam.pose_graph import PoseGraph
 
 _ASKED = 24
@@ -14,6 +14,9 @@ _ASKED = 24
 _MOST_DRIFT_M = 0.6
 """Chosen: whole logs of four buildings say 0.07 to 0.21 m of themselves, with a third of the scans
 lost up to 0.26 m; pieces of them that are 0.15 to 0.3 m off and closed by few loops 0.6 to 1.1 m."""
+_MOST_DRIFT = 0.006
+"""Of the distance between the corners of what was driven, where that is more than a hundred metres:
+simulated loops of half a kilometre say 0.7 m of themselves and are off by a tenth of that."""
 
 
 def drift_m(graph: PoseGraph, keyframes: IntArray) -> float:
@@ -37,9 +40,10 @@ def drift_m(graph: PoseGraph, keyframes: IntArray) -> float:
     return math.sqrt(float(variances_m2.mean(axis=1).min()))
 
 
-def too_far_adrift(drift_m: float) -> list[str]:
-    """In words, that a map is held by too few loops to be right for sure; none where it is not."""
-    if drift_m <= _MOST_DRIFT_M:
+def too_far_adrift(drift_m: float, poses: FloatArray) -> list[str]:
+    """In words, that a map of keyframes at poses (K, 3) is held by too few loops to be right for
+    sure; none where it is not."""
+    if drift_m <= max(_MOST_DRIFT_M, _MOST_DRIFT * float(np.hypot(*np.ptp(poses[:, :2], axis=0)))):
         return []
     return [
         "too few loops hold it together: by its own account its poses are off by"

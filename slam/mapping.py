@@ -136,7 +136,7 @@ class Mapper:
             self._front_end.wheel_scale,
         )  # fmt: skip
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
-            said = too_far_adrift(slam_map.drift_m)
+            said = too_far_adrift(slam_map.drift_m, slam_map.poses)
         return slam_map.objected(said)
 
     def _rescale(self) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam import map_drift
-from slam.map_drift import drift_m
+from slam.map_drift import drift_m, too_far_adrift
 from slam.mapping import Mapper
 from slam.pose_graph import EdgeKernel, PoseGraph
 from slam.se2 import SE2
@@ -55,6 +55,13 @@ def test_open_direction_has_no_bounds():
     assert drift_m(graph, np.arange(4)) == math.inf
 
 
+def test_large_buildings_may_drift_farther():
+    small, large = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [160.0, 120.0, 0.0]])
+    assert too_far_adrift(0.6, small) == too_far_adrift(1.1, large) == []
+    assert "off by 0.7 m" in too_far_adrift(0.7, small)[0]
+    assert "off by 1.3 m" in too_far_adrift(1.3, large)[0]
+
+
 def test_map_that_may_be_far_adrift_is_called_failed(monkeypatch, tmp_path):
     mapper = Mapper(ring.T_BASE_LASER)
     for measurement in ring.drive(ring.way(0.4), np.random.default_rng(0)):
@@ -63,6 +70,7 @@ def test_map_that_may_be_far_adrift_is_called_failed(monkeypatch, tmp_path):
     assert slam_map.verdict.is_good
     assert 0.0 < slam_map.drift_m < map_drift._MOST_DRIFT_M
     monkeypatch.setattr(map_drift, "_MOST_DRIFT_M", slam_map.drift_m / 2.0)
+    monkeypatch.setattr(map_drift, "_MOST_DRIFT", 0.0)
     verdict = mapper.finish().verdict
     assert not verdict.is_good
     assert "too few loops" in verdict.reasons[0]
