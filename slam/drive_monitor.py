@@ -33,6 +33,10 @@ _SILENT = 1e-6
 """[m], [rad]: wheels that tell of less tell of nothing."""
 _STANDS = 0.05, 0.012
 """[m], [rad]: what a scan may show of a robot that stands. Chosen."""
+_TURNED_UNTOLD = 0.1
+"""[rad] Chosen: less is no turn of which it could be said that wheels told it later."""
+_MADE_UP = 0.2
+"""Share of a turn by which wheels that tell it later may be off. Chosen."""
 
 
 class DriveMonitor:
@@ -50,7 +54,7 @@ class DriveMonitor:
         self._unknown_m2 = 0.0
         self._along_m2, self._along_from_s = 0.0, 0.0
         self._worst_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
-        self._denied_s: float | None = None
+        self._denials = _Denials()
 
     def take(
         self, measurement: Measurement, T_before: SE2, step: FrontEndStep, told_m2: float
@@ -63,9 +67,8 @@ class DriveMonitor:
         if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
             moved = T_before.inverse() @ step.T_map_base
             is_measured = told_m2 < _KNOWN_M**2
-            is_denied = is_measured and _deny(measurement.motion, moved)
-            if step.is_open and is_denied and self._denied_s is None:
-                self._denied_s = step.time_s
+            if is_measured:
+                self._denials.take(measurement.motion, moved, step)
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
             way_m = math.hypot(measurement.motion.x, measurement.motion.y)
@@ -98,9 +101,9 @@ class DriveMonitor:
                 f"from {from_s:.2f} to {to_s:.2f} s neither scans nor wheels tell how far the robot"
                 " went: walls along its way look the same all along"
             )
-        if self._denied_s is not None:
+        if self._denials.first_s is not None:
             said.append(
-                f"at {self._denied_s:.2f} s the wheels stood still, and the robot did not: how far"
+                f"at {self._denials.first_s:.2f} s the wheels stood still, and the robot did not: how far"
                 " it went along walls that look the same nobody knows"
             )
         is_mirrored = self._turned_together < _MIRRORED * self._turned_by_wheels
@@ -147,10 +150,33 @@ def told_by_wheels_alone(from_s: float, to_s: float, way_m: float) -> str:
     )
 
 
-def _deny(by_wheels: SE2, by_scan: SE2) -> bool:
-    """Whether wheels say that the robot stood, where a scan shows that it did not."""
-    is_silent = max(abs(by_wheels.x), abs(by_wheels.y), abs(by_wheels.theta)) < _SILENT
-    return is_silent and not by_scan.is_near(SE2.identity(), *_STANDS)
+class _Denials:
+    """Steps of a robot that stood by its wheels, and moved by scans that leave open how far. Not those
+    of odometry that lags: its next motion tells the turn that the scans had shown already."""
+
+    def __init__(self) -> None:
+        self._sure_s: float | None = None
+        self._doubted_s: float | None = None
+        self._untold_rad = 0.0
+
+    @property
+    def first_s(self) -> float | None:
+        """When the first of them was [s], None where there was none."""
+        return self._doubted_s if self._sure_s is None else self._sure_s
+
+    def take(self, by_wheels: SE2, by_scan: SE2, step: FrontEndStep) -> None:
+        """Notes the motion since the last scan, by the wheels and by a scan that was matched."""
+        if max(abs(by_wheels.x), abs(by_wheels.y), abs(by_wheels.theta)) < _SILENT:
+            self._untold_rad += by_scan.theta
+            is_denied = step.is_open and not by_scan.is_near(SE2.identity(), *_STANDS)
+            if is_denied and self._doubted_s is None:
+                self._doubted_s = step.time_s
+            return
+        rest_rad = by_wheels.theta - by_scan.theta - self._untold_rad
+        is_made_up = abs(rest_rad) < _MADE_UP * abs(self._untold_rad)
+        if self._sure_s is None and not (is_made_up and abs(self._untold_rad) > _TURNED_UNTOLD):
+            self._sure_s = self._doubted_s
+        self._doubted_s, self._untold_rad = None, 0.0
 
 
 def _tells(step: FrontEndStep) -> bool:

@@ -12,12 +12,19 @@ SCAN = LaserScan(0.0, np.radians([-1.0, 0.0, 1.0]), np.ones(3))
 
 def objections(by_wheels: SE2, by_scan: SE2, *, is_open: bool, covariance=None) -> list[str]:
     """After one scan, matched there."""
-    monitor, T_before = DriveMonitor(5.0), SE2(4.0, 1.0, 0.2)
-    T = T_before @ by_scan
-    step = FrontEndStep(7.0, 0, T, T, StepStatus.MATCHED, 0.9, True, is_open=is_open)
-    measurement = Measurement(7.0, by_wheels, SCAN, covariance)
-    monitor.take(measurement, T_before, step, measurement.motion_covariance[0, 0])
-    return monitor.objections([step])
+    return objections_to([(by_wheels, by_scan)], is_open=is_open, covariance=covariance)
+
+
+def objections_to(motions, *, is_open: bool, covariance=None) -> list[str]:
+    """After scans from 7 s on, each with its motion by the wheels and that to where it was matched."""
+    monitor, T, steps = DriveMonitor(5.0), SE2(4.0, 1.0, 0.2), []
+    for k, (by_wheels, by_scan) in enumerate(motions):
+        T_before, T = T, T @ by_scan
+        time_s = 7.0 + 0.2 * k
+        steps.append(FrontEndStep(time_s, 0, T, T, StepStatus.MATCHED, 0.9, True, is_open=is_open))
+        measurement = Measurement(time_s, by_wheels, SCAN, covariance)
+        monitor.take(measurement, T_before, steps[-1], measurement.motion_covariance[0, 0])
+    return monitor.objections(steps)
 
 
 @pytest.mark.parametrize("by_scan", [SE2(0.0, 0.0, 0.07), SE2(0.0, 0.1, 0.0)])
@@ -33,3 +40,35 @@ def test_a_motion_that_the_wheels_deny_may_have_been_longer_where_scans_leave_a_
 def test_a_robot_that_stands_may_be_placed_a_hair_aside():
     # 28 scans of intel: by 6 mm and 2 mrad at most
     assert not objections(SE2.identity(), SE2(0.02, 0.0, 0.006), is_open=True)
+
+
+STOOD, DROVE = (SE2.identity(), SE2.identity()), (SE2(0.05, 0.0, 0.0), SE2(0.05, 0.0, 0.0))
+UNTOLD = SE2.identity(), SE2(0.0, 0.0, 0.3)
+
+
+def test_odometry_that_lags_denies_nothing():
+    # five equal records of mit-csail, then a turn of 86 degrees at once, of which scans had shown 69
+    told_late = SE2(0.02, 0.0, 1.5), SE2(0.02, 0.0, 0.3)
+    assert not objections_to([DROVE, *[UNTOLD] * 4, told_late, DROVE], is_open=True)
+
+
+@pytest.mark.parametrize(
+    "after",
+    [
+        [],  # nobody knows what the next record would have told
+        [DROVE],
+        [STOOD, DROVE],
+        [(SE2(0.02, 0.0, 0.7), SE2(0.02, 0.0, 0.3))],  # a third of it
+        [(SE2(0.02, 0.0, -0.9), SE2(0.02, 0.0, 0.3))],
+    ],
+)
+def test_wheels_that_never_tell_a_turn_denied_it(after):
+    (said,) = objections_to([DROVE, *[UNTOLD] * 4, *after], is_open=True)
+    assert said.startswith("at 7.20 s the wheels stood still")
+
+
+def test_first_of_several_denials_is_told():
+    untold_way = SE2.identity(), SE2(0.2, 0.0, 0.0)
+    late = SE2(0.0, 0.0, 0.3), SE2.identity()
+    (said,) = objections_to([UNTOLD, late, untold_way, DROVE, UNTOLD], is_open=True)
+    assert said.startswith("at 7.40 s")  # the turn was told, a way never is
