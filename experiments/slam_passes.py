@@ -180,15 +180,15 @@ def _of_records(
     scan_rows: np.ndarray,
     of_scans: Trajectory,
 ) -> Trajectory:
-    """The pose of every record; of scans alone without odometry."""
-    if not log.has_odometry:
+    """The pose of every record, by odometry between the scans; without, straight between them, and
+    before the first or after the last as there."""
+    if len(scan_rows) == 0:
         return of_scans
     # by the rows of the log: stamps may go back
     rows = np.arange(len(times_s), dtype=np.float64)
-    lookup = PoseLookup(
-        Trajectory(scan_rows.astype(np.float64), of_scans.poses), Trajectory(rows, odometry),
-        max_gap_s=float(len(times_s)),
-    )  # fmt: skip
-    poses = lookup.at(rows)
+    scans = Trajectory(scan_rows.astype(np.float64), of_scans.poses)
+    told = Trajectory(rows, odometry) if log.has_odometry else None
+    asked = rows if log.has_odometry else np.clip(rows, scan_rows[0], scan_rows[-1])
+    poses = PoseLookup(scans, told, max_gap_s=float(len(times_s))).at(asked)
     is_placed = np.isfinite(poses).all(axis=1)
     return Trajectory(times_s[is_placed], poses[is_placed])
