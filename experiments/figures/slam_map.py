@@ -53,6 +53,8 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     axes.set_aspect("equal")
     verdict = slam_map.verdict
     said = "good" if verdict.is_good else "FAILED: " + "; ".join(verdict.reasons)
+    if result.is_odometry_doubted:
+        said += ", by odometry as a guess alone"
     axes.set_title(
         f"{plain(result.name)}: {result.way_m:.0f} m, {len(slam_map.keyframes)} keyframes,"
         f" {len(slam_map.loops)} loops\nmap {said}", fontsize=10, wrap=True,
