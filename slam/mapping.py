@@ -19,7 +19,8 @@ from slam.map_consistency import acquitted, do_contradict, judged
 from slam.map_drift import too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
-from slam.rescaling import chained, rescaled, unknown_lengths
+from slam.open_ways import unknown_ways
+from slam.rescaling import chained, rescaled
 from slam.se2 import SE2, wrap_angle
 from slam.session_joining import SessionJoiner, set_aside
 from slam.slam_map import SlamMap, graph_of, points_seen
@@ -131,10 +132,7 @@ class Mapper:
         self._rescale()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps)
-        said += unknown_lengths(
-            slam_map.keyframes, slam_map.poses, slam_map.loops, self._front_end.scaled_steps,
-            self._front_end.wheel_scale,
-        )  # fmt: skip
+        said = said or unknown_ways(slam_map, self._front_end)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = too_far_adrift(slam_map.drift_m, slam_map.poses)
         return slam_map.objected(said)

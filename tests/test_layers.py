@@ -91,7 +91,7 @@ RANKS = (
         "wheel_prior",
         "carried",
     }
-    | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
+    | {"match_verdict", "slam_map_checks", "wheel_scale", "wheel_noise", "keyframes"},
     {
         "relocalization",
         "hypotheses",
@@ -127,7 +127,8 @@ RANKS = (
         "sharpness",
     },
     {"localization", "known_map", "mapping", "session_joining", "joint_adjustment"}
-    | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"},
+    | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
+    | {"open_ways"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

@@ -1,0 +1,87 @@
+"""Walls that look the same all along: how far wheels may be off there is told by what they are
+elsewhere."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slam.mapping import Mapper
+from slam.measurements import Measurement
+from slam.metrics import absolute_errors
+from slam.se2 import SE2
+from slam.wheel_noise import WheelNoise
+from tests.slam.synthetic import box, room, scan_of
+
+STEP, VARIANCE_M2 = SE2(0.3, 0.0, 0.0), 0.01**2
+COVARIANCE = np.diag([VARIANCE_M2, 1.0, 1.0])
+
+
+def shown(innovations_m, facing=0.2, motion=STEP, covariance=COVARIANCE) -> float:
+    noise = WheelNoise()
+    for innovation_m in innovations_m:
+        noise.update(covariance, np.array([innovation_m, 0.5, 0.3]), motion, facing)
+    return noise.ratio
+
+
+@pytest.mark.parametrize("times", [0.3, 1.0, 2.0])
+def test_noise_is_learnt_along_the_way(times):
+    innovations_m = np.random.default_rng(0).normal(0.0, 0.01 * times, 2000)
+    assert shown(innovations_m) == pytest.approx(times, rel=0.05)
+    sideways = SE2(0.0, 0.3, 0.0)
+    across = np.diag([1.0, VARIANCE_M2, 1.0])
+    assert shown([0.0] * 9, motion=sideways, covariance=across) == pytest.approx(
+        0.5 / 0.1 * 0.894, rel=0.01
+    )
+
+
+def test_what_says_nothing_of_the_noise_is_not_asked():
+    assert shown([]) == 1.0
+    assert shown([0.5] * 9, facing=0.002) == 1.0
+    assert shown([0.5] * 9, motion=SE2(0.0, 0.0, 0.4)) == 1.0
+    # one jump of a metre counts as some times what is usual
+    assert shown([0.01] * 199 + [1.0]) == pytest.approx(math.sqrt(219 / 200))
+
+
+# 44 m of bare walls between two ends with things to see
+WALLS = np.concatenate(
+    [
+        room(0.0, -1.2, 60.0, 1.2),
+        *(box(x, 0.9, x + 0.5, 1.2) for x in (1.5, 3.5, 6.0, 54.0, 56.5, 58.0)),
+        *(box(x, -1.2, x + 0.4, -0.8) for x in (2.5, 5.0, 7.0, 53.0, 55.5, 57.5)),
+    ]
+)
+
+
+def there_and_back(noise_m: float):
+    """A drive with 8 m of sight, by wheels that are told to be off by 0.05 m after a metre, and are
+    by noise_m."""
+    rng = np.random.default_rng(3)
+    xs = np.arange(1.0, 59.0, 0.4)
+    poses = [SE2(x, 0.0, 0.0) for x in xs]
+    poses += [SE2(xs[-1], 0.0, theta) for theta in np.linspace(0.3, math.pi, 10)]
+    poses += [SE2(x, 0.0, math.pi) for x in xs[::-1]]
+    measurements = []
+    for k, pose in enumerate(poses):
+        step = poses[max(k - 1, 0)].inverse() @ pose
+        way_m = math.hypot(step.x, step.y)
+        told = np.diag([0.05**2 * way_m, 0.05**2 * way_m, 1e-4])
+        by_wheels = step @ SE2(noise_m * math.sqrt(way_m) * rng.normal(), 0.0, 0.0)
+        scan = scan_of(WALLS, pose, rng, 0.01, range_max_m=8.0)
+        measurements.append(Measurement(0.8 * k, by_wheels, scan, told))
+    return measurements, np.array([pose.as_array() for pose in poses])
+
+
+@pytest.mark.parametrize(("noise_m", "is_good"), [(0.01, True), (0.1, False)])
+def test_map_between_bare_walls_is_as_good_as_its_wheels(noise_m, is_good):
+    measurements, true = there_and_back(noise_m)
+    mapper = Mapper(SE2.identity())
+    for measurement in measurements:
+        mapper.update(measurement)
+    slam_map = mapper.finish()
+    off_m = absolute_errors(slam_map.trajectory.poses, true).position_m.rmse
+    assert (off_m < 0.15) is is_good
+    assert slam_map.verdict.is_good is is_good, (off_m, slam_map.verdict.reasons)
+    if not is_good:
+        (reason,) = slam_map.verdict.reasons
+        assert "by how they agree with scans elsewhere" in reason
