@@ -14,9 +14,9 @@ _ASKED = 24
 _MOST_DRIFT_M = 0.6
 """Chosen: whole logs of four buildings say 0.07 to 0.21 m of themselves, with a third of the scans
 lost up to 0.26 m; pieces of them that are 0.15 to 0.3 m off and closed by few loops 0.6 to 1.1 m."""
-_MOST_DRIFT = 0.006
-"""Of the distance between the corners of what was driven, where that is more than a hundred metres:
-simulated loops of half a kilometre say 0.7 m of themselves and are off by a tenth of that."""
+_MOST_DRIFT = 0.01
+"""Of the distance between the corners of what was driven, where that makes more: simulated loops of
+half a kilometre say 0.7 to 1.2 m of themselves and are off by a tenth of that, one of eight by a third."""
 
 
 def drift_m(graph: PoseGraph, keyframes: IntArray) -> float:

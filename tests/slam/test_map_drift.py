@@ -57,9 +57,9 @@ def test_open_direction_has_no_bounds():
 
 def test_large_buildings_may_drift_farther():
     small, large = np.zeros((2, 3)), np.array([[0.0, 0.0, 0.0], [160.0, 120.0, 0.0]])
-    assert too_far_adrift(0.6, small) == too_far_adrift(1.1, large) == []
+    assert too_far_adrift(0.6, small) == too_far_adrift(1.9, large) == []
     assert "off by 0.7 m" in too_far_adrift(0.7, small)[0]
-    assert "off by 1.3 m" in too_far_adrift(1.3, large)[0]
+    assert "off by 2.1 m" in too_far_adrift(2.1, large)[0]
 
 
 def test_map_that_may_be_far_adrift_is_called_failed(monkeypatch, tmp_path):
