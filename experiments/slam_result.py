@@ -110,7 +110,7 @@ def _mb(memory_mb: float | None) -> str:
 def _said_of_map(summary: dict[str, Any]) -> list[str]:
     """What is wrong with a map; of a good one, how far it may have drifted."""
     drift_m = summary["drift_m"]
-    if summary["reasons"] or drift_m is None:
+    if summary["reasons"] or drift_m is None or summary["keyframes"] < 2:
         return list(summary["reasons"])
     return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
