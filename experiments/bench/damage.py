@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
+from experiments.bench.map_end import MapEnd
 from experiments.evaluation import evaluated
 from experiments.progress import CountProgress
 from experiments.slam_log import check_same_time, default_mapped
@@ -33,30 +34,6 @@ _WRONG_STEP, _WRONG_TURN = 1.15, 0.8
 Damage = Callable[[Log, np.random.Generator], Log]
 
 
-@dataclass(frozen=True)
-class Damaged:
-    """How a log ended that was damaged once. rmse_m, max_m: position error of its scans; drift_m:
-    what the map says of itself."""
-
-    damage: str
-    scans: int
-    is_good: bool
-    reasons: tuple[str, ...]
-    rmse_m: float
-    max_m: float
-    drift_m: float
-
-    @property
-    def is_right(self) -> bool:
-        """Whether the map is right, whatever it is called."""
-        return self.rmse_m <= _MOST_RMSE_M and self.max_m < _MOST_M
-
-    @property
-    def is_deceptive(self) -> bool:
-        """Wrong, and called good: the one end that must not be."""
-        return self.is_good and not self.is_right
-
-
 def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) -> bool:
     """Damages, maps and prints the table; whether no wrong map was called good.
 
@@ -72,7 +49,7 @@ def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) ->
     return not any(one.is_deceptive for one in found)
 
 
-def measured(log: Log, against: Trajectory, repeats: int, seed: int) -> list[Damaged]:
+def measured(log: Log, against: Trajectory, repeats: int, seed: int) -> list[MapEnd]:
     """Each damage, drawn anew in each repeat; the log as it is first."""
     found = [_ended(log, against, "none")]
     with CountProgress("damage", len(DAMAGES) * repeats) as progress:
@@ -84,16 +61,12 @@ def measured(log: Log, against: Trajectory, repeats: int, seed: int) -> list[Dam
     return found
 
 
-def _ended(log: Log, against: Trajectory, damage: str) -> Damaged:
+def _ended(log: Log, against: Trajectory, damage: str) -> MapEnd:
     """How the log is mapped, by the one set of parameters."""
     slam_map = default_mapped(log).slam_map
     absolute = evaluated(slam_map.trajectory, against).absolute
     assert absolute is not None
-    errors, verdict = absolute.position_m, slam_map.verdict
-    return Damaged(
-        damage, len(slam_map.steps), verdict.is_good, verdict.reasons, errors.rmse, errors.max,
-        slam_map.drift_m,
-    )  # fmt: skip
+    return MapEnd.judged(damage, slam_map, absolute.position_m, _MOST_RMSE_M, _MOST_M)
 
 
 def _with_records(log: Log, changed: Callable[[Iterable[LogRecord]], Iterator[LogRecord]]) -> Log:
@@ -229,7 +202,7 @@ DAMAGES: dict[str, Damage] = {
 }
 
 
-def _table(name: str, found: list[Damaged], repeats: int, seed: int) -> Table:
+def _table(name: str, found: list[MapEnd], repeats: int, seed: int) -> Table:
     table = Table(
         title=f"{name} damaged, each way {repeats} times, seed {seed}",
         caption=f"Position error of the scans against the reference; right: at most {_MOST_RMSE_M:g} m"
@@ -239,9 +212,5 @@ def _table(name: str, found: list[Damaged], repeats: int, seed: int) -> Table:
     for column in ("damage", *numbers, "the map is", "and is called"):
         table.add_column(column, justify="right" if column in numbers else "left")
     for one in found:
-        table.add_row(
-            one.damage, str(one.scans), f"{one.rmse_m:.3f} m, {one.max_m:.2f} m",
-            f"{one.drift_m:.2f} m", "right" if one.is_right else "wrong",
-            "GOOD" if one.is_deceptive else "good" if one.is_good else f"failed: {one.reasons[0]}",
-        )  # fmt: skip
+        table.add_row(*one.cells)
     return table

@@ -114,6 +114,20 @@ def damage(
 
 
 @app.command()
+def buildings(
+    odometry: Annotated[
+        str, typer.Option(help="Of the logs: usual, bad (8 to 15 cm off after a metre), or none.")
+    ] = "usual",
+    repeats: Annotated[int, typer.Option(min=1, help="Of each of eight kinds, drawn anew.")] = 2,
+    seed: Seed = 0,
+) -> int:
+    """Logs of simulated buildings, up to 200 m large: a right map, or one called failed?"""
+    from experiments.bench.buildings import print_benchmark
+
+    return 0 if print_benchmark(odometry, repeats, seed) else 1
+
+
+@app.command()
 def continued(
     log: Log,
     reference: Reference,

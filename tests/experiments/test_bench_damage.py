@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from experiments.bench import damage
-from experiments.bench.damage import DAMAGES, Damaged
+from experiments.bench.damage import DAMAGES
+from experiments.bench.map_end import MapEnd
 from experiments.cli import main
 from slam.readers.recognition import read_log
 from tests.experiments.refusals import refusal
@@ -100,16 +101,16 @@ def test_wheels_are_wrong_by_as_much_all_along_or_silent(log):
 
 def test_a_wrong_map_called_good_counts_and_no_other(monkeypatch, capsys):
     ends = {
-        "none": Damaged("none", 20, True, (), 0.02, 0.1, 0.1),
-        "found": Damaged("found", 20, False, ("torn",), 2.0, 9.0, 9.0),
+        "none": MapEnd("none", 20, True, (), 0.02, 0.1, 0.1, 0.15, 0.5),
+        "found": MapEnd("found", 20, False, ("torn",), 2.0, 9.0, 9.0, 0.15, 0.5),
     }
     assert not any(end.is_deceptive for end in ends.values())
     for rmse_m, max_m in ((0.16, 0.3), (0.1, 0.6)):
-        assert Damaged("x", 20, True, (), rmse_m, max_m, 0.1).is_deceptive
+        assert MapEnd("x", 20, True, (), rmse_m, max_m, 0.1, 0.15, 0.5).is_deceptive
     bench = ["bench", "damage", str(LOG), "--reference", str(REFERENCE)]
     monkeypatch.setattr(damage, "measured", lambda *_: list(ends.values()))
     assert main(bench) == 0
-    ends["blind"] = Damaged("blind", 20, True, (), 2.0, 9.0, 0.1)
+    ends["blind"] = MapEnd("blind", 20, True, (), 2.0, 9.0, 0.1, 0.15, 0.5)
     assert main(bench) == 1
     assert "GOOD" in capsys.readouterr().out
 

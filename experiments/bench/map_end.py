@@ -1,0 +1,54 @@
+"""How the map of a log ended whose true poses are known: right or wrong, good or failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from slam.metrics.spread import Spread
+from slam.slam_map import SlamMap
+
+
+@dataclass(frozen=True)
+class MapEnd:
+    """How a log was mapped. of: what it was, in words; rmse_m, max_m: position error of its scans;
+    drift_m: what the map says of itself; most_rmse_m, most_m: errors of a right map."""
+
+    of: str
+    scans: int
+    is_good: bool
+    reasons: tuple[str, ...]
+    rmse_m: float
+    max_m: float
+    drift_m: float
+    most_rmse_m: float
+    most_m: float
+
+    @staticmethod
+    def judged(
+        of: str, slam_map: SlamMap, errors: Spread, most_rmse_m: float, most_m: float
+    ) -> MapEnd:
+        """Of a map whose scans are off by these errors [m]."""
+        verdict = slam_map.verdict
+        return MapEnd(
+            of, len(slam_map.steps), verdict.is_good, verdict.reasons, errors.rmse, errors.max,
+            slam_map.drift_m, most_rmse_m, most_m,
+        )  # fmt: skip
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the map is right, whatever it is called."""
+        return self.rmse_m <= self.most_rmse_m and self.max_m < self.most_m
+
+    @property
+    def is_deceptive(self) -> bool:
+        """Wrong, and called good: the one end that must not be."""
+        return self.is_good and not self.is_right
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """For a table: what it was, scans, errors, its own account, what it is, what it is called."""
+        return (
+            self.of, str(self.scans), f"{self.rmse_m:.3f} m, {self.max_m:.2f} m",
+            f"{self.drift_m:.2f} m", "right" if self.is_right else "wrong",
+            "GOOD" if self.is_deceptive else "good" if self.is_good else f"failed: {self.reasons[0]}",
+        )  # fmt: skip

@@ -1,0 +1,97 @@
+"""`kitasap bench buildings`: ways lead through no wall, logs are what is said, wrong maps called good
+count."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from experiments.bench import buildings
+from experiments.bench.building_plans import PLANS
+from experiments.bench.buildings import ODOMETRY, simulated
+from experiments.bench.map_end import MapEnd
+from experiments.cli import main
+from slam.se2 import SE2
+from tests.experiments.refusals import refusal
+from tests.slam.synthetic import sampled
+
+
+def crossed(walls, way) -> int:
+    """How many walls (S, 2, 2) a way (C, 2) leads through."""
+    count = 0
+    for start, end in pairwise(way):
+        ahead, edges = end - start, walls[:, 1] - walls[:, 0]
+        across = ahead[0] * edges[:, 1] - ahead[1] * edges[:, 0]
+        off = walls[:, 0] - start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along_way = (off[:, 0] * edges[:, 1] - off[:, 1] * edges[:, 0]) / across
+            along_wall = (off[:, 0] * ahead[1] - off[:, 1] * ahead[0]) / across
+        is_met = (along_way > 0.0) & (along_way < 1.0) & (along_wall > 0.0) & (along_wall < 1.0)
+        count += int(np.count_nonzero(is_met))
+    return count
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_way_leads_through_no_wall(name):
+    for seed in range(8):
+        plan = PLANS[name](np.random.default_rng(seed))
+        assert plan.walls.shape[1:] == (2, 2)
+        assert np.isfinite(plan.walls).all()
+        assert len(plan.way) > 1
+        assert crossed(plan.walls, plan.way) == 0
+    others = PLANS[name](np.random.default_rng(seed))
+    assert np.array_equal(plan.walls, others.walls)
+    assert np.array_equal(plan.way, others.way)
+
+
+@pytest.mark.parametrize("odometry", ODOMETRY)
+def test_log_is_what_its_name_says(odometry):
+    log, true = simulated("corridor", ODOMETRY[odometry], np.random.default_rng(2))
+    records = list(log.records)
+    assert len(records) == len(true) == log.scan_count
+    assert f"{len(records[0].scan.ranges_m)} beams" in log.name
+    assert log.has_odometry is (odometry != "none")
+    told = np.array([record.T_odom_base.as_array() for record in records])
+    ends_m = [np.hypot(*(poses[-1, :2] - poses[0, :2])) for poses in (told, true)]
+    if odometry == "none":
+        assert not told.any()
+    else:
+        assert ends_m[0] != ends_m[1]
+    # the plan is drawn first, by the same generator: each beam ends on one of its walls
+    walls = sampled(PLANS["corridor"](np.random.default_rng(2)).walls, 0.05)
+    for k in (0, len(true) // 2):
+        off_m, _ = cKDTree(walls).query(SE2.from_array(true[k]) @ _points(records[k].scan))
+        assert np.quantile(off_m, 0.9) < 0.1
+
+
+def _points(scan):
+    ranges_m, angles_rad = scan.ranges_m[scan.is_hit], scan.angles_rad[scan.is_hit]
+    return ranges_m[:, np.newaxis] * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+
+
+def test_wrong_map_called_good_counts_and_no_other(monkeypatch, capsys):
+    ends = [
+        MapEnd("a hall", 20, True, (), 0.02, 0.1, 0.1, 0.15, 0.5),
+        MapEnd("a ring", 20, False, ("torn",), 2.0, 9.0, 9.0, 0.15, 0.5),
+        MapEnd("a large ring", 20, True, (), 0.3, 0.9, 0.5, 0.4, 1.2),
+    ]
+    monkeypatch.setattr(buildings, "measured", lambda *_: ends)
+    assert main(["bench", "buildings"]) == 0
+    ends.append(MapEnd("a corridor", 20, True, (), 0.3, 0.9, 0.1, 0.15, 0.5))
+    assert main(["bench", "buildings"]) == 1
+    assert capsys.readouterr().out.count("GOOD") == 1
+
+
+def test_odometry_that_is_unknown_is_refused(capsys):
+    assert "expected odometry usual, bad, none" in refusal(
+        capsys, "bench", "buildings", "--odometry", "best"
+    )
+
+
+@pytest.mark.slow
+def test_each_building_is_mapped_or_called_failed():
+    found = buildings.measured("usual", 1, 3)
+    assert len(found) == len(PLANS)
+    assert not any(one.is_deceptive for one in found)
+    assert sum(one.is_right and one.is_good for one in found) >= 6
