@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slam.compared_ways import ComparedWays
 from slam.keyframes import FrontEndStep, StepStatus
 from slam.measurements import Measurement
 from slam.se2 import SE2
@@ -15,20 +16,8 @@ _MIRRORED = -0.5
 """Turns by scans per turn by the wheels: 1 where both are right, -1 where one of them counts the
 other way round. Chosen, as the turns [rad] that it takes to say so."""
 _TURNED = 2.0 * math.pi
-
-
-_ALIKE = 0.72
-"""Way by scans per way by wheels, or the other way round, below which units are not those that were
-told. Chosen: ranges halved give 0.69, since the wheels hold against them; wheels are seldom wrong by
-a quarter."""
-_FAR_M = 20.0
-"""Of the wheels, that it takes to say so."""
-_JUMP_M = 2.0
-"""Of one step; chosen: farther, odometry has jumped, or scans are too far apart."""
 _KNOWN_M = 0.3
 """Of a step's own standard deviation; chosen: more, and nothing measured it."""
-
-
 _SILENT = 1e-6
 """[m], [rad]: wheels that tell of less tell of nothing."""
 _STANDS = 0.05, 0.012
@@ -50,7 +39,7 @@ class DriveMonitor:
     def __init__(self, most_blind_m: float) -> None:
         self._most_blind_m = most_blind_m
         self._turned_together = self._turned_by_wheels = 0.0
-        self._way_m = self._way_by_wheels_m = 0.0
+        self._ways = ComparedWays()
         self._unknown_m2 = 0.0
         self._along_m2, self._along_from_s = 0.0, 0.0
         self._worst_along: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -64,18 +53,22 @@ class DriveMonitor:
         variance_m2 = float(measurement.motion_covariance[0, 0])
         self._unknown_m2 = 0.0 if _tells(step) else self._unknown_m2 + variance_m2
         self._take_along(step, variance_m2)
-        if step.status in (StepStatus.MATCHED, StepStatus.SEARCHED):
+        is_matched = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED)
+        is_measured = told_m2 < _KNOWN_M**2
+        if not (is_matched and is_measured):
+            self._ways.interrupt()
+        if is_matched:
             moved = T_before.inverse() @ step.T_map_base
-            is_measured = told_m2 < _KNOWN_M**2
             if is_measured:
                 self._denials.take(measurement.motion, moved, step)
+                self._ways.take(measurement.motion, variance_m2, moved, step)
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
-            way_m = math.hypot(measurement.motion.x, measurement.motion.y)
-            if 0.0 < way_m < _JUMP_M and not step.is_open and is_measured:
-                along = moved.x * measurement.motion.x + moved.y * measurement.motion.y
-                self._way_m += along / way_m
-                self._way_by_wheels_m += way_m
+
+    @property
+    def noise_ratio(self) -> float:
+        """See `ComparedWays`."""
+        return self._ways.noise_ratio
 
     def _take_along(self, step: FrontEndStep, variance_m2: float) -> None:
         """How far nobody knows the robot went along what its scans leave open. Those that tell
@@ -112,14 +105,7 @@ class DriveMonitor:
                 "the scans turn the other way round than the wheels: the map may be mirrored"
                 " (is the laser mounted upside down, or a wheel's sign wrong?)"
             )
-        way_m, by_wheels_m = self._way_m, self._way_by_wheels_m
-        is_alike = by_wheels_m * _ALIKE < way_m and way_m * _ALIKE < by_wheels_m
-        if by_wheels_m > _FAR_M and not is_alike:
-            said.append(
-                f"where the wheels went {by_wheels_m:.0f} m the scans went {way_m:.0f} m: one of them"
-                " may be in other units (ranges and poses are metres, angles radians)"
-            )
-        return said
+        return said + self._ways.objections()
 
 
 def blind_stretches(steps: Sequence[FrontEndStep], most_blind_m: float) -> list[str]:

@@ -22,7 +22,6 @@ from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
 from slam.views import Glances
-from slam.wheel_noise import WheelNoise
 from slam.wheel_scale import ScaledStep, WheelScale, WheelScaleConfig
 
 _LITTLE = 0.01
@@ -100,7 +99,6 @@ class FrontEnd:
         self.keyframes: list[Keyframe] = []
         self.glances: list[Glances] = []
         self.wheel_scale = WheelScale(self.config.wheel_scale)
-        self.wheel_noise = WheelNoise()
         self.scaled_steps: list[ScaledStep] = []
         self.carried, self._scans = Carried(), 0
         self.T_map_base = SE2.identity()
@@ -136,7 +134,7 @@ class FrontEnd:
         if match is not None:
             if is_open and status is StepStatus.MATCHED:
                 match = match.held_along_open(T_predicted, inverse_of(self._P))
-            self._learn_of_wheels(measurement.motion, T_predicted, match)
+            self._learn_scale(T_predicted, match)
             self.T_map_base, self._P, inlier_ratio = (
                 match.T_map_base, match.covariance, match.inlier_ratio
             )  # fmt: skip
@@ -156,14 +154,15 @@ class FrontEnd:
             inlier_ratio, is_new, is_open=is_open, passed_ratio=passed_ratio,
         )  # fmt: skip
 
-    def _learn_of_wheels(self, motion: SE2, T_predicted: SE2, match: SurfaceMatch) -> None:
-        """What a scan says of the wheels' noise, and of their scale by as much as scans are let pull
-        at the pose."""
+    def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
+        """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""
         surfaces = self.config.surfaces
-        innovation = (T_predicted.inverse() @ match.T_map_base).log()
-        self.wheel_noise.update(self._P, innovation, motion, match.least_facing)
-        information = match.information * (surfaces.pull / surfaces.share)
-        self.wheel_scale.update(self._P, innovation, information, match.least_facing)
+        self.wheel_scale.update(
+            self._P,
+            (T_predicted.inverse() @ match.T_map_base).log(),
+            match.information * (surfaces.pull / surfaces.share),
+            match.least_facing,
+        )
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of the scan of a keyframe that has left the window, and of those after it."""

@@ -132,7 +132,7 @@ class Mapper:
         self._rescale()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps)
-        said = said or unknown_ways(slam_map, self._front_end)
+        said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = too_far_adrift(slam_map.drift_m, slam_map.poses)
         return slam_map.objected(said)

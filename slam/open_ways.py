@@ -29,9 +29,9 @@ _KNOWN_SIGMA = 1e-3, 1e-3, 1e-4
 """[m, m, rad] of steps of which scans tell enough. Chosen: little, beside what scans leave open."""
 
 
-def unknown_ways(slam_map: SlamMap, front_end: FrontEnd) -> list[str]:
+def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float) -> list[str]:
     """In words, that a map may be too long or short, or wrong in its parts: scans left open how far
-    the robot went, and the wheels tell it not well enough. front_end: of its last session."""
+    the robot went, and the wheels tell it not well enough. front_end: of its last session; noise_ratio: see `ComparedWays`."""
     session = slam_map.session_count - 1
     is_open: BoolArray = np.zeros(len(slam_map.keyframes), dtype=np.bool_)
     is_open[
@@ -42,7 +42,7 @@ def unknown_ways(slam_map: SlamMap, front_end: FrontEnd) -> list[str]:
         ]
     ] = True
     return unknown_lengths(slam_map, front_end.scaled_steps, front_end.wheel_scale) or noisy_ways(
-        slam_map, is_open, front_end.wheel_noise.ratio
+        slam_map, is_open, noise_ratio
     )
 
 
@@ -75,7 +75,8 @@ def unknown_lengths(
 
 def noisy_ways(slam_map: SlamMap, is_open: BoolArray, noise_ratio: float) -> list[str]:
     """What the wheels' noise leaves open. is_open: (K,) keyframes whose scan does not tell how far it
-    was from the one before; noise_ratio: see `WheelNoise`."""
+    was from the one before; noise_ratio: see
+    `ComparedWays`."""
     keyframes, poses = slam_map.keyframes, slam_map.poses
     if not is_open.any():
         return []

@@ -91,7 +91,7 @@ RANKS = (
         "wheel_prior",
         "carried",
     }
-    | {"match_verdict", "slam_map_checks", "wheel_scale", "wheel_noise", "keyframes"},
+    | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
     {
         "relocalization",
         "hypotheses",
@@ -115,6 +115,7 @@ RANKS = (
         "surfaces",
         "map_consistency",
         "map_drift",
+        "compared_ways",
         "drive_monitor",
         "heavy_tails",
         "fusion",

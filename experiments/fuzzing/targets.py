@@ -47,7 +47,7 @@ _ESTIMATORS = tuple(
         *("relocalization", "laser_faults", "slip", "usual_fit", "verdict_limits", "evidence"),
         *("matchers", "measurements", "mapping", "front_end", "drive_monitor", "loop_closing"),
         *("keyframe_graph", "map_consistency", "rescaling", "joint_adjustment", "wheel_scale"),
-        *("open_ways", "wheel_noise", "pauses"),
+        *("open_ways", "compared_ways", "pauses"),
         *("session_joining", "surfaces", "surface_cells", "views", "beams"),
         *("heavy_tails", "consistency", "innovation_scales", "observability", "beam_likelihood"),
     )

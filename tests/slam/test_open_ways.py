@@ -10,38 +10,7 @@ from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
-from slam.wheel_noise import WheelNoise
 from tests.slam.synthetic import box, room, scan_of
-
-STEP, VARIANCE_M2 = SE2(0.3, 0.0, 0.0), 0.01**2
-COVARIANCE = np.diag([VARIANCE_M2, 1.0, 1.0])
-
-
-def shown(innovations_m, facing=0.2, motion=STEP, covariance=COVARIANCE) -> float:
-    noise = WheelNoise()
-    for innovation_m in innovations_m:
-        noise.update(covariance, np.array([innovation_m, 0.5, 0.3]), motion, facing)
-    return noise.ratio
-
-
-@pytest.mark.parametrize("times", [0.3, 1.0, 2.0])
-def test_noise_is_learnt_along_the_way(times):
-    innovations_m = np.random.default_rng(0).normal(0.0, 0.01 * times, 2000)
-    assert shown(innovations_m) == pytest.approx(times, rel=0.05)
-    sideways = SE2(0.0, 0.3, 0.0)
-    across = np.diag([1.0, VARIANCE_M2, 1.0])
-    assert shown([0.0] * 9, motion=sideways, covariance=across) == pytest.approx(
-        0.5 / 0.1 * 0.894, rel=0.01
-    )
-
-
-def test_what_says_nothing_of_the_noise_is_not_asked():
-    assert shown([]) == 1.0
-    assert shown([0.5] * 9, facing=0.002) == 1.0
-    assert shown([0.5] * 9, motion=SE2(0.0, 0.0, 0.4)) == 1.0
-    # one jump of a metre counts as some times what is usual
-    assert shown([0.01] * 199 + [1.0]) == pytest.approx(math.sqrt(219 / 200))
-
 
 # 44 m of bare walls between two ends with things to see
 WALLS = np.concatenate(
