@@ -25,3 +25,8 @@ def draw_grid(axis: Axes, grid: OccupancyGrid) -> None:
         shades, cmap=_GREYS, vmin=0, vmax=3, origin="lower", extent=(0.0, columns, 0.0, rows),
         interpolation="nearest", transform=placed + axis.transData, zorder=0,
     )  # fmt: skip
+    # a cell narrower than a pixel of the picture is a wall all the same
+    axis.plot(
+        *grid.centres_of(np.argwhere(grid.is_occupied)).T, ",", color=_GREYS(3), zorder=0,
+        rasterized=True, scalex=False, scaley=False,
+    )  # fmt: skip

@@ -252,7 +252,7 @@ def _metadata(folder: Path) -> dict[str, Any]:
         files = [file for end in (".mcap", ".db3", ".bag") for file in folder.glob(f"*{end}")]
         found = ", ".join(sorted(file.name for file in files)[:5])
         raise ValueError(
-            f"{folder.name}: a folder without metadata.yaml is no ROS 2 bag; "
+            f"{folder.name or folder}: a folder without metadata.yaml is no ROS 2 bag; "
             + (f"give one of its files: {found}" if found else "nor does it hold a bag's file")
         )
     with opened(path) as file:
