@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from experiments.bench.building_plans import PLANS, Plan
-from experiments.bench.map_end import MapEnd
+from experiments.bench.map_end import MapEnd, table_of
 from experiments.progress import CountProgress
 from experiments.slam_log import default_mapped
 from experiments.tables import wide_console
@@ -194,15 +194,11 @@ def _by_wheels(poses: list[SE2], odometry: Odometry | None, rng: np.random.Gener
 
 
 def _table(odometry: str, found: list[MapEnd], seed: int) -> Table:
-    table = Table(
-        title=f"simulated buildings, odometry {odometry}, seed {seed}",
-        caption=f"Position error of the scans; right: at most {_MOST_RMSE_M:g} m (RMS) and below"
+    return table_of(
+        found,
+        "building",
+        f"simulated buildings, odometry {odometry}, seed {seed}",
+        f"Position error of the scans; right: at most {_MOST_RMSE_M:g} m (RMS) and below"
         f" {_MOST_M:g} m, or {1000 * _MOST_RMSE:g} and {1000 * _MOST:g} mm for each metre of the"
         " diagonal of a larger one.",
     )
-    numbers = ("scans", "RMS, most", "by its own account")
-    for column in ("building", *numbers, "the map is", "and is called"):
-        table.add_column(column, justify="right" if column in numbers else "left")
-    for one in found:
-        table.add_row(*one.cells)
-    return table

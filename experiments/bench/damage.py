@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from rich.table import Table
 
-from experiments.bench.map_end import MapEnd
+from experiments.bench.map_end import MapEnd, table_of
 from experiments.evaluation import evaluated
 from experiments.progress import CountProgress
 from experiments.slam_log import check_same_time, default_mapped
@@ -203,14 +203,10 @@ DAMAGES: dict[str, Damage] = {
 
 
 def _table(name: str, found: list[MapEnd], repeats: int, seed: int) -> Table:
-    table = Table(
-        title=f"{name} damaged, each way {repeats} times, seed {seed}",
-        caption=f"Position error of the scans against the reference; right: at most {_MOST_RMSE_M:g} m"
+    return table_of(
+        found,
+        "damage",
+        f"{name} damaged, each way {repeats} times, seed {seed}",
+        f"Position error of the scans against the reference; right: at most {_MOST_RMSE_M:g} m"
         f" (RMS) and below {_MOST_M:g} m.",
     )
-    numbers = ("scans", "RMS, most", "by its own account")
-    for column in ("damage", *numbers, "the map is", "and is called"):
-        table.add_column(column, justify="right" if column in numbers else "left")
-    for one in found:
-        table.add_row(*one.cells)
-    return table

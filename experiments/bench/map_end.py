@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+from rich.table import Table
 
 from slam.metrics.spread import Spread
 from slam.slam_map import SlamMap
@@ -44,11 +47,17 @@ class MapEnd:
         """Wrong, and called good: the one end that must not be."""
         return self.is_good and not self.is_right
 
-    @property
-    def cells(self) -> tuple[str, ...]:
-        """For a table: what it was, scans, errors, its own account, what it is, what it is called."""
-        return (
-            self.of, str(self.scans), f"{self.rmse_m:.3f} m, {self.max_m:.2f} m",
-            f"{self.drift_m:.2f} m", "right" if self.is_right else "wrong",
-            "GOOD" if self.is_deceptive else "good" if self.is_good else f"failed: {self.reasons[0]}",
+
+def table_of(found: Sequence[MapEnd], of: str, title: str, caption: str) -> Table:
+    """How maps ended, for people to read. of: what the first column is of, in a word."""
+    table = Table(title=title, caption=caption)
+    numbers = ("scans", "RMS, most", "by its own account")
+    for column in (of, *numbers, "the map is", "and is called"):
+        table.add_column(column, justify="right" if column in numbers else "left")
+    for one in found:
+        table.add_row(
+            one.of, str(one.scans), f"{one.rmse_m:.3f} m, {one.max_m:.2f} m",
+            f"{one.drift_m:.2f} m", "right" if one.is_right else "wrong",
+            "GOOD" if one.is_deceptive else "good" if one.is_good else f"failed: {one.reasons[0]}",
         )  # fmt: skip
+    return table
