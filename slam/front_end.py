@@ -60,6 +60,9 @@ class FrontEndConfig:
     min_points, that its beams went through, by margins [m] and as a share: then the scan is
     taken elsewhere, however well it fits; of five real logs 0.36 and less, among four who walk along
     0.66.
+    unmeasured_m: standard deviation of a motion from which on nothing measured it: then the robot is
+    looked for where it goes on as it did before (constant velocity). Of nine simulated logs of scans
+    alone that had failed or were off, four became right by it, one worse.
     range_max_m: farther ends of beams are left out. Chosen, all of these.
     """
 
@@ -84,6 +87,7 @@ class FrontEndConfig:
     most_blind_m: float = 5.0
     fastest_mps: float = 10.0
     least_facing: float = 0.003
+    unmeasured_m: float = 0.5
     pauses: PauseConfig = field(default_factory=PauseConfig)
     pause_inlier_ratio: float = 0.9
     most_passed: float = 0.75
@@ -109,13 +113,14 @@ class FrontEnd:
         self._laser = FrozenLaser()
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
         self._pauses = Pauses(self.config.pauses)
+        self._moved, self._moved_in_s = SE2.identity(), 0.0
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
         beams = self._beams(measurement)
         points = self._seen(beams)
         T_last = self.T_map_base
-        T_predicted = T_last @ self.wheel_scale.scaled(measurement.motion)
+        T_predicted = T_last @ self.wheel_scale.scaled(self._motion(measurement))
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
         self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
         self._blind_m += self._way_m(measurement)
@@ -145,6 +150,9 @@ class FrontEnd:
             self._blind_m = 0.0
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
+        # whom nobody sees does not go on for ever
+        moved = T_last.inverse() @ self.T_map_base if match is not None else SE2.identity()
+        self._moved, self._moved_in_s = moved, self._elapsed_s
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
         if match is not None and not is_new:
@@ -153,6 +161,16 @@ class FrontEnd:
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
             inlier_ratio, is_new, is_open=is_open, passed_ratio=passed_ratio,
         )  # fmt: skip
+
+    def _motion(self, measurement: Measurement) -> SE2:
+        """Since the last scan; where nothing measured it, as fast as the one before."""
+        motion, unmeasured_m2 = measurement.motion, self.config.unmeasured_m**2
+        if measurement.motion_covariance[0, 0] < unmeasured_m2 or motion != SE2.identity():
+            return motion
+        elapsed_s = measurement.time_s - self._last_s
+        if not 0.0 < elapsed_s < 2.0 * self._moved_in_s < math.inf:
+            return motion
+        return SE2.exp(elapsed_s / self._moved_in_s * self._moved.log())
 
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
         """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""

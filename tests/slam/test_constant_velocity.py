@@ -1,0 +1,56 @@
+"""Scans alone: a robot is looked for where it goes on as it did before."""
+
+import numpy as np
+import pytest
+
+from slam.front_end import FrontEnd
+from slam.keyframes import StepStatus
+from slam.measurements import LaserScan, Measurement
+from slam.se2 import SE2
+from tests.slam.synthetic import box, room, scan_of
+
+UNMEASURED = np.eye(3)
+STEP_M = 0.15
+# things to see at the beginning, then bare walls
+WALLS = np.concatenate(
+    [
+        room(-3.0, -1.2, 60.0, 1.2),
+        *(box(x, 0.8, x + 0.4, 1.2) for x in (-2.0, 0.5, 2.5, 4.5, 6.0)),
+        *(box(x, -1.2, x + 0.5, -0.7) for x in (-1.0, 1.5, 3.5, 5.5)),
+    ]
+)
+
+
+def placed(xs, *, interval_s=0.3, covariance=UNMEASURED, blind=()):
+    """Where scans at these x are placed, of which those in blind see nothing, and how."""
+    rng, front_end = np.random.default_rng(0), FrontEnd(SE2.identity())
+    steps = []
+    for k, x in enumerate(xs):
+        scan = scan_of(WALLS, SE2(x, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
+        if k in blind:
+            scan = LaserScan(0.0, scan.angles_rad, np.full(len(scan.angles_rad), np.inf))
+        measurement = Measurement(interval_s * k, SE2.identity(), scan, covariance)
+        steps.append(front_end.update(measurement))
+    return np.array([step.T_map_base.x for step in steps]), steps
+
+
+def test_robot_goes_on_between_walls_that_look_the_same():
+    xs = np.arange(0.0, 18.0, STEP_M)
+    found, steps = placed(xs)
+    assert any(step.is_open for step in steps)
+    assert np.abs(found - xs).max() < 0.5  # of 6 m and more that no scan tells
+
+
+def test_wheels_that_say_it_stands_are_believed():
+    xs = np.concatenate([np.arange(0.0, 9.0, STEP_M), np.full(40, 9.0)])
+    covariance = np.diag([0.01, 0.01, 0.01]) ** 2
+    told, _ = placed(xs[-40:], covariance=covariance)
+    assert np.ptp(told) < 0.05
+
+
+def test_whom_no_scan_sees_is_not_taken_to_go_on():
+    xs = np.concatenate([np.arange(0.0, 3.0, STEP_M), np.full(20, 3.0)])
+    found, steps = placed(xs, blind=range(20, 35))
+    assert {step.status for step in steps[20:35]} == {StepStatus.CARRIED}
+    assert found[34] - found[19] == pytest.approx(STEP_M, abs=0.03)
+    assert found[-1] == pytest.approx(3.0, abs=0.05)
