@@ -114,13 +114,16 @@ class FrontEnd:
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
         self._pauses = Pauses(self.config.pauses)
         self._moved, self._moved_in_s = SE2.identity(), 0.0
+        self._is_coasting = False
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
         beams = self._beams(measurement)
         points = self._seen(beams)
         T_last = self.T_map_base
-        T_predicted = T_last @ self.wheel_scale.scaled(self._motion(measurement))
+        motion = self._motion(measurement)
+        self._is_coasting = motion is not measurement.motion
+        T_predicted = T_last @ self.wheel_scale.scaled(motion)
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
         self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
         self._blind_m += self._way_m(measurement)
@@ -227,6 +230,9 @@ class FrontEnd:
             return None, StepStatus.BROKEN
         odometry = inverse_of(self._P)
         match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
+        if self._is_coasting:  # it may as well have stopped, or turned no more
+            stood = self._surfaces.match(points, T_last, T_predicted, odometry)
+            match = min(match, stood, key=lambda one: one.cost)
         innovation = (T_predicted.inverse() @ match.T_map_base).log()
         if innovation @ odometry @ innovation > config.trust:
             # walls seen for the first time may draw a scan along those known

@@ -54,3 +54,13 @@ def test_whom_no_scan_sees_is_not_taken_to_go_on():
     assert {step.status for step in steps[20:35]} == {StepStatus.CARRIED}
     assert found[34] - found[19] == pytest.approx(STEP_M, abs=0.03)
     assert found[-1] == pytest.approx(3.0, abs=0.05)
+
+
+def test_robot_that_ends_a_turn_is_looked_for_where_it_was_as_well():
+    rng, front_end = np.random.default_rng(0), FrontEnd(SE2.identity())
+    headings = np.concatenate([np.arange(0.0, 2.0, 0.35), np.full(6, 1.75)])
+    for k, heading in enumerate(headings):
+        scan = scan_of(WALLS, SE2(3.0, 0.0, heading), rng, 0.01, range_max_m=5.0)
+        measurement = Measurement(0.3 * k, SE2.identity(), scan, UNMEASURED)
+        found = front_end.update(measurement).T_map_base
+        assert found.is_near(SE2(0.0, 0.0, heading), 0.03, 0.01)
