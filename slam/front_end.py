@@ -232,7 +232,7 @@ class FrontEnd:
         match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
         if self._is_coasting:  # it may as well have stopped, or turned no more
             stood = self._surfaces.match(points, T_last, T_predicted, odometry)
-            match = min(match, stood, key=lambda one: one.cost)
+            match = stood if stood.cost < match.cost - config.better else match
         innovation = (T_predicted.inverse() @ match.T_map_base).log()
         if innovation @ odometry @ innovation > config.trust:
             # walls seen for the first time may draw a scan along those known
