@@ -36,8 +36,8 @@ def ring(
     length, width = rng.uniform(*length_m), rng.uniform(*width_m)
     across = rng.uniform(1.8, 3.0)
     outer, inner = (
-        _rectangle(0.0, 0.0, length, width),
-        _rectangle(across, across, length - across, width - across),
+        rectangle(0.0, 0.0, length, width),
+        rectangle(across, across, length - across, width - across),
     )
     walls = [_with_doors(rng, outer[k], outer[(k + 1) % 4], _OUT[k], is_bare) for k in range(4)]
     walls += [_with_doors(rng, inner[k], inner[(k + 1) % 4], -_OUT[k], is_bare) for k in range(4)]
@@ -49,7 +49,7 @@ def ring(
 def corridor(rng: np.random.Generator) -> Plan:
     """One corridor, driven there and, in two of three, back."""
     length, across = rng.uniform(30.0, 90.0), rng.uniform(1.8, 3.0)
-    corners = _rectangle(0.0, 0.0, length, across)
+    corners = rectangle(0.0, 0.0, length, across)
     walls = [
         _with_doors(rng, corners[k], corners[(k + 1) % 4], _OUT[k], is_bare=k % 2 == 1)
         for k in range(4)
@@ -87,7 +87,7 @@ def offices(rng: np.random.Generator, length_m: tuple[float, float]) -> Plan:
 def hall(rng: np.random.Generator) -> Plan:
     """One large room with boxes in it, driven to and fro among them."""
     length, width = rng.uniform(20.0, 50.0), rng.uniform(15.0, 40.0)
-    corners = _rectangle(0.0, 0.0, length, width)
+    corners = rectangle(0.0, 0.0, length, width)
     walls = [
         _with_doors(rng, corners[k], corners[(k + 1) % 4], _OUT[k], is_bare=False) for k in range(4)
     ]
@@ -95,7 +95,7 @@ def hall(rng: np.random.Generator) -> Plan:
     for _ in range(int(length * width / 40.0)):
         x, y = rng.uniform(2.0, length - 2.0), rng.uniform(2.0, width - 2.0)
         w, h = rng.uniform(0.1, 0.75, 2)
-        walls.append(_closed(_rectangle(x - w, y - h, x + w, y + h)))
+        walls.append(closed(rectangle(x - w, y - h, x + w, y + h)))
         obstacles.append((x, y, max(w, h) * 2.0))
     low, high = np.array([1.0, 1.0]), np.array([length - 1.0, width - 1.0])
     return Plan(np.concatenate(walls), _wander(rng, low, high, np.array(obstacles), 25))
@@ -109,12 +109,12 @@ def park(rng: np.random.Generator) -> Plan:
         x, y = rng.uniform(-half, half, 2)
         if rng.random() < 0.15:
             w, h = rng.uniform(3.0, 10.0, 2)
-            walls.append(_closed(_rectangle(x - w, y - h, x + w, y + h)))
+            walls.append(closed(rectangle(x - w, y - h, x + w, y + h)))
             obstacles.append((x, y, math.hypot(w, h) + 1.0))
         else:
             radius, around = rng.uniform(0.1, 0.3), np.linspace(0.0, 2.0 * math.pi, 8, False)
             trunk = np.column_stack([np.cos(around), np.sin(around)])
-            walls.append(_closed(np.array([x, y]) + radius * trunk))
+            walls.append(closed(np.array([x, y]) + radius * trunk))
             obstacles.append((x, y, radius + 0.5))
     ends = np.full(2, half)
     return Plan(np.concatenate(walls), _wander(rng, -ends, ends, np.array(obstacles), 16))
@@ -132,11 +132,13 @@ PLANS: dict[str, Callable[[np.random.Generator], Plan]] = {
 }
 
 
-def _rectangle(left: float, low: float, right: float, high: float) -> FloatArray:
+def rectangle(left: float, low: float, right: float, high: float) -> FloatArray:
+    """(4, 2) its corners, counter-clockwise."""
     return np.array([[left, low], [right, low], [right, high], [left, high]])
 
 
-def _closed(corners: FloatArray) -> FloatArray:
+def closed(corners: FloatArray) -> FloatArray:
+    """(N, 2, 2) walls from each of the corners (N, 2) to the next, and to the first."""
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
@@ -189,7 +191,7 @@ def _rooms(
         for _ in range(rng.integers(1, 4)):
             x, away = rng.uniform(left + 0.2, right - 1.0), rng.uniform(0.1, 0.8)
             low, high = sorted((far - side * away, far - side * (away + 0.5)))
-            walls.append(_closed(_rectangle(x, low, x + rng.uniform(0.3, 0.9), high)))
+            walls.append(closed(rectangle(x, low, x + rng.uniform(0.3, 0.9), high)))
         left = right
     ends = np.array([first, *(x for door in sorted(doors) for x in (door - 0.5, door + 0.5)), last])
     heights = np.full(len(ends), wall_y)
