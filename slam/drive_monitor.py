@@ -26,6 +26,8 @@ _TURNED_UNTOLD = 0.1
 """[rad] Chosen: less is no turn of which it could be said that wheels told it later."""
 _MADE_UP = 0.2
 """Share of a turn by which wheels that tell it later may be off. Chosen."""
+_BRIEF_S = 0.5
+"""Between two scans that see where the robot is: how far it went meanwhile these tell. Chosen."""
 
 
 class DriveMonitor:
@@ -138,9 +140,11 @@ def told_by_wheels_alone(from_s: float, to_s: float, way_m: float) -> str:
 
 class _Denials:
     """Steps of a robot that stood by its wheels, and moved by scans that leave open how far. Not those
-    of odometry that lags: its next motion tells the turn that the scans had shown already."""
+    of odometry that lags: its next motion tells the turn that the scans had shown already; nor those
+    just before and after which scans see where the robot is."""
 
     def __init__(self) -> None:
+        self._seen_s = -math.inf
         self._sure_s: float | None = None
         self._doubted_s: float | None = None
         self._untold_rad = 0.0
@@ -152,6 +156,18 @@ class _Denials:
 
     def take(self, by_wheels: SE2, by_scan: SE2, step: FrontEndStep) -> None:
         """Notes the motion since the last scan, by the wheels and by a scan that was matched."""
+        self._judge(by_wheels, by_scan, step)
+        if not step.is_open:
+            if step.time_s - self._seen_s < _BRIEF_S:
+                self._doubted_s = self._before(self._doubted_s)
+                self._sure_s = self._before(self._sure_s)
+            self._seen_s = step.time_s
+
+    def _before(self, time_s: float | None) -> float | None:
+        """A time, if it was before a scan last saw where the robot is."""
+        return None if time_s is None or time_s > self._seen_s else time_s
+
+    def _judge(self, by_wheels: SE2, by_scan: SE2, step: FrontEndStep) -> None:
         if max(abs(by_wheels.x), abs(by_wheels.y), abs(by_wheels.theta)) < _SILENT:
             self._untold_rad += by_scan.theta
             is_denied = step.is_open and not by_scan.is_near(SE2.identity(), *_STANDS)

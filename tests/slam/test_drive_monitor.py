@@ -17,10 +17,15 @@ def objections(by_wheels: SE2, by_scan: SE2, *, is_open: bool, covariance=None) 
 
 def objections_to(motions, *, is_open: bool, covariance=None) -> list[str]:
     """After scans from 7 s on, each with its motion by the wheels and that to where it was matched."""
+    return objections_where([(*one, is_open) for one in motions], 0.2, covariance)
+
+
+def objections_where(motions, step_s: float, covariance=None) -> list[str]:
+    """After scans, each with its motions and whether it leaves a direction open."""
     monitor, T, steps = DriveMonitor(5.0), SE2(4.0, 1.0, 0.2), []
-    for k, (by_wheels, by_scan) in enumerate(motions):
+    for k, (by_wheels, by_scan, is_open) in enumerate(motions):
         T_before, T = T, T @ by_scan
-        time_s = 7.0 + 0.2 * k
+        time_s = 7.0 + step_s * k
         steps.append(FrontEndStep(time_s, 0, T, T, StepStatus.MATCHED, 0.9, True, is_open=is_open))
         measurement = Measurement(time_s, by_wheels, SCAN, covariance)
         monitor.take(measurement, T_before, steps[-1], measurement.motion_covariance[0, 0])
@@ -72,3 +77,16 @@ def test_first_of_several_denials_is_told():
     late = SE2(0.0, 0.0, 0.3), SE2.identity()
     (said,) = objections_to([UNTOLD, late, untold_way, DROVE, UNTOLD], is_open=True)
     assert said.startswith("at 7.40 s")  # the turn was told, a way never is
+
+
+@pytest.mark.parametrize(("step_s", "is_denied"), [(0.2, False), (1.0, True)])
+@pytest.mark.parametrize("after", [STOOD, DROVE])
+def test_scans_that_see_the_way_just_before_and_after_leave_nothing_to_deny(
+    step_s, is_denied, after
+):
+    # one scan of mit-csail, barely open, while its odometry stood still for five
+    motions = [(*DROVE, False), (*UNTOLD, True), (*after, False), (*DROVE, False)]
+    assert bool(objections_where(motions, step_s)) is is_denied
+    # what was denied before is no less so
+    motions = [(*UNTOLD, True), (*DROVE, True), *motions]
+    assert objections_where(motions, step_s)
