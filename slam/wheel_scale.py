@@ -4,6 +4,8 @@ told, and between walls that look the same all along the wheels alone say how lo
 from __future__ import annotations
 
 import math
+import statistics
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +16,13 @@ from slam.se2 import SE2
 
 _STANDING_M = 1e-3
 """Chosen: a scan up to which the wheels told of no more says nothing of their scale."""
+_MEDIAN_NIS, _MEDIAN_AHEAD = 2.37, 0.455
+"""Of the normalised innovation squared, and of that along the way (chi2 with three degrees of freedom,
+and with one)."""
+_REMEMBERED = 100
+"""Scans that show how noisy the wheels are. Chosen."""
+_STRETCHES = 5
+"""Chosen: fewer do not show around which scale wheels slip."""
 
 
 @dataclass(frozen=True)
@@ -21,12 +30,14 @@ class WheelScaleConfig:
     """How the scale is learnt.
 
     sigma: of it before any scan; least_sigma: at which no more is believed, since tires wear and
-    floors differ. least_facing: share of a scan across the direction that it tells least of, below
-    which it says nothing of the scale: what it seems to tell is the noise of walls along the way;
+    floors differ. least_scans: that show how noisy the wheels are, before anything is believed.
+    least_facing: share of a scan across the direction that it tells least of, below which it says
+    nothing of the scale: what it seems to tell is the noise of walls along the way;
     of five real logs 99 % of the scans have 0.019 and more, corridors with bare walls 0.0002.
     most_nis: normalised innovation squared of a scan that may say something; beyond, wheels slipped
-    or jumped. way_m: of the wheels, of which is taken together what scans tell; alike: way by scans
-    for each metre by the wheels, or the other way round, below which the wheels slipped on it, and
+    or jumped. way_m: of the wheels, of which is taken together what scans tell. Both are larger where
+    wheels are noisier than told. alike: way by scans for each metre by the wheels, as a share of
+    what stretches usually show, or the other way round, below which the wheels slipped on it, and
     nothing is learnt. most_late: share of the way that scans may have gone just before the wheels told
     of any; beyond, odometry comes so late or so seldom that scans are drawn along with it. Of four real
     logs it is 0.001, with a way told at each second scan, or 0.2 s late at each stop, 0.03 and more.
@@ -35,6 +46,7 @@ class WheelScaleConfig:
 
     sigma: float = 0.05
     least_sigma: float = 0.003
+    least_scans: int = 10
     least_facing: float = 0.01
     most_nis: float = 20.0
     way_m: float = 0.5
@@ -66,6 +78,9 @@ class WheelScale:
         self._told = SE2.identity()
         self._ahead: FloatArray = np.array([1.0, 0.0, 0.0])
         self._all_m = self._late_m = self._untold_m = 0.0
+        self._squared: deque[float] = deque(maxlen=_REMEMBERED)
+        self._ahead_squared: deque[float] = deque(maxlen=_REMEMBERED)
+        self._seen: deque[float] = deque(maxlen=_REMEMBERED)
         self._forget()
 
     @property
@@ -114,7 +129,12 @@ class WheelScale:
             return
         # a scan at which the wheels told of no way counts as well: others told of all of it
         self._note_delay(told_m, float(self._ahead @ innovation))
-        self._has_jumped |= squared > config.most_nis
+        if told_m > _STANDING_M:
+            self._squared.append(squared)
+            variance_m2 = float(self._ahead @ covariance @ self._ahead)
+            self._ahead_squared.append(float(self._ahead @ innovation) ** 2 / variance_m2)
+        noise = self._noise
+        self._has_jumped |= squared > noise * config.most_nis
         self._way_m += told_m
         self._moved_m += float(self._ahead @ innovation)
         self._lever_m += slope_m - float(self._ahead @ self._across) / self.variance
@@ -122,8 +142,16 @@ class WheelScale:
             self._scans += 1
             self._slopes_m += slope_m
             self._information += (1.0 / (self.variance - less) - 1.0 / self.variance) / slope_m
-        if self._way_m > config.way_m:
-            self._take_in(less)
+        if self._way_m > noise * config.way_m and len(self._squared) >= config.least_scans:
+            self._take_in(less, noise)
+
+    @property
+    def _noise(self) -> float:
+        """Variance that the wheels show, as a multiple of what they were told to have; 1 at least."""
+        if not self._squared:
+            return 1.0
+        ahead = statistics.median(self._ahead_squared) / _MEDIAN_AHEAD
+        return max(1.0, ahead, statistics.median(self._squared) / _MEDIAN_NIS)
 
     def _note_delay(self, told_m: float, ahead_m: float) -> None:
         """How far scans went, by what they say ahead, just before the wheels told of any way."""
@@ -134,26 +162,35 @@ class WheelScale:
         else:
             self._untold_m = ahead_m
 
-    def _take_in(self, less: float) -> None:
+    def _take_in(self, less: float, noise: float) -> None:
         """Learns from the last stretch of the way, if wheels and scans tell of it alike.
 
-        less: by which the last scan alone lessens the variance; that the pose knows of already.
+        less: by which the last scan alone lessens the variance; that the pose knows of already. noise:
+        by which the variance of the wheels is a multiple of what they were told to have.
         Odometry that is late, or told less often than scans, tells of too much at one scan and of too
         little at the next. What scans tell is summed up, therefore, before it is set against the
         wheels: scan by scan, those told too much of would weigh more.
         """
         way_m, seen_m = self._way_m, self.scale * self._way_m + self._moved_m
         alike = self.config.alike
-        is_alike = alike * way_m < seen_m and alike * seen_m < way_m
+        usual_m = self._usual * way_m
+        is_alike = alike * usual_m < seen_m and alike * seen_m < usual_m
+        self._seen.append(seen_m / way_m)
         is_late = self._late_m > self.config.most_late * self._all_m
         is_told = self._scans > 0 and self._lever_m > _STANDING_M
         if is_alike and is_told and not self._has_jumped and not is_late:
-            information = self._information * self._slopes_m / self._scans
+            information = self._information * self._slopes_m / self._scans / noise
             variance = max(1.0 / (1.0 / self.variance + information), self.config.least_sigma**2)
             self.scale += variance * information * self._moved_m / self._lever_m
             self._across *= variance / (self.variance - less)
             self.variance = variance
         self._forget()
+
+    @property
+    def _usual(self) -> float:
+        """Way by scans for each metre by the wheels, in the median of the last stretches: about 1,
+        noisy wheels of another scale would be believed where their noise makes up for it."""
+        return 1.0 if len(self._seen) < _STRETCHES else statistics.median(self._seen)
 
     def _forget(self) -> None:
         """Begins a stretch anew."""

@@ -56,7 +56,10 @@ def test_step_of_which_scans_tell_nothing_grows_with_the_scale():
 
 def test_pose_and_scale_are_followed_as_four_unknowns_are():
     """The filter in blocks against the same one in full, 4 x 4, each scan taken in at once."""
-    rng, scale = np.random.default_rng(1), WheelScale(WheelScaleConfig(way_m=0.0, alike=0.0))
+    rng, scale = (
+        np.random.default_rng(1),
+        WheelScale(WheelScaleConfig(way_m=0.0, alike=0.0, least_scans=0)),
+    )
     P = np.zeros((3, 3))
     full = np.diag([0.0, 0.0, 0.0, scale.variance])
     for _ in range(20):
@@ -151,6 +154,21 @@ def test_wheels_that_jump_teach_nothing():
     covariance = scale.predict(np.zeros((3, 3)), AHEAD, SPREAD)
     scale.update(covariance, np.array([0.6, 0.0, 0.0]), SCAN, 0.2)
     assert scale.scale == 1.0
+
+
+@pytest.mark.parametrize("true_scale", [0.8, 1.0, 1.2])
+def test_noisier_wheels_than_told_show_their_scale_and_how_well(true_scale):
+    # told to be off by 5 cm after a metre, and are by 15: each second stretch was taken for slip, and
+    # of those left about as many were believed as agreed with wheels as told
+    off = []
+    for seed in range(8):
+        scale, rng = WheelScale(), np.random.default_rng(seed)
+        told_m = np.full(400, 0.4)
+        off_m = 0.15 * np.sqrt(told_m) * rng.normal(size=400)
+        odometry_told(scale, told_m, true_scale * told_m + off_m)
+        off.append((scale.scale - true_scale) / scale.sigma)
+    assert abs(np.mean(off)) < 2.0
+    assert np.sqrt(np.mean(np.square(off))) < 2.5
 
 
 def corridor(length_m, way_scale, back=True):
