@@ -17,7 +17,7 @@ from experiments.slam_result import SlamLog
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_summary
 from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
-from slam.front_end import FrontEndConfig
+from slam.front_end_config import FrontEndConfig
 from slam.map_consistency import leaves_no_doubt
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep

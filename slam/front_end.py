@@ -4,91 +4,35 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.beams import POINTS_WITHIN_M, Beams
+from slam.beams import Beams
 from slam.carried import Carried
+from slam.front_end_config import FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.measurements import Measurement
-from slam.pauses import PauseConfig, Pauses
+from slam.open_matches import LITTLE, across_the_way, closed_match
+from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, faced, moved
+from slam.surface_map import SurfaceMap, SurfaceMatch, faced, moved
 from slam.views import Glances
-from slam.wheel_scale import ScaledStep, WheelScale, WheelScaleConfig
+from slam.wheel_scale import ScaledStep, WheelScale
 
-_LITTLE = 0.01
-"""Of the odometry's information, where wheels may be far off."""
-_NEAR = 0.3, 0.15
-"""[m], [rad]: what lies farther from where wheels lead is looked for with more care. Chosen."""
+_WIDER = 1.5
+"""Of a search's reach: matches may slide off from where it looked; farther, they are of something
+else. Chosen."""
 _GUESS = 0.3, 0.3
 """[m], [rad]: a prediction less sure than that leads to whatever looks like it. Chosen."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
-
-
-@dataclass(frozen=True)
-class FrontEndConfig:
-    """How a `FrontEnd` places scans.
-
-    window: keyframes that the surfaces are learnt from. keyframe_m, keyframe_rad: motion after
-    which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
-    itself. good_inlier_ratio: below it, the scan is looked for where the wheels count less, by
-    trust of their normalised innovation squared, and all around, within reach_m and reach_rad;
-    guess_inlier_ratio: in its place where nothing tells how far the robot went: a metre along a wall
-    off, 0.85 of a scan fitted still.
-    least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
-    pose found around must be better; better_against: one that the wheels contradict: odometry that
-    jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
-    where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
-    nothing: somebody stands before it. most_blind_m: by the wheels alone; after more, they lie
-    outside of what is searched, and a scan that fits may be one that looks the same; fastest_mps:
-    wheels that tell of more have jumped. least_facing: share of a scan across a direction, below
-    which it leaves that open: a tenth of the least of five real logs but for one corridor.
-    pause_inlier_ratio: of the scan after a pause that must fit for the robot to be where it was; 0.94
-    and more did on the same logs, of robots carried into the next room 0.77 to 0.86 in four cases of
-    five.
-    most_passed: share of what a keyframe shortly before shows in view of the scan, of at least
-    min_points, that its beams went through, by margins [m] and as a share: then the scan is
-    taken elsewhere, however well it fits; of five real logs 0.36 and less, among four who walk along
-    0.66.
-    range_max_m: farther ends of beams are left out. Chosen, all of these.
-    """
-
-    surfaces: SurfaceMapConfig = field(default_factory=SurfaceMapConfig)
-    wheel_scale: WheelScaleConfig = field(default_factory=WheelScaleConfig)
-    window: int = 25
-    keyframe_m: float = 0.25
-    keyframe_rad: float = math.radians(12.0)
-    step_sigma: tuple[float, float, float] = (0.01, 0.01, 0.01)
-    good_inlier_ratio: float = 0.85
-    guess_inlier_ratio: float = 0.95
-    trust: float = 20.0
-    reach_m: float = 0.8
-    reach_rad: float = math.radians(50.0)
-    least_inlier_ratio: float = 0.65
-    least_seen_ratio: float = 0.3
-    better: float = 0.03
-    better_against: float = 0.24
-    break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
-    min_points: int = 20
-    blocked_m: float = 0.6
-    most_blind_m: float = 5.0
-    fastest_mps: float = 10.0
-    least_facing: float = 0.003
-    pauses: PauseConfig = field(default_factory=PauseConfig)
-    pause_inlier_ratio: float = 0.9
-    most_passed: float = 0.75
-    margins: tuple[float, float] = (0.15, 0.02)
-    range_max_m: float = POINTS_WITHIN_M
 
 
 class FrontEnd:
@@ -127,6 +71,8 @@ class FrontEnd:
         passed_ratio = self._passed(match.T_map_base, beams) if match is not None else 0.0
         if passed_ratio > self.config.most_passed:
             match, status = None, StepStatus.BROKEN
+        if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
+            status = StepStatus.CARRIED
         self.T_map_base = T_predicted
         inlier_ratio = 0.0
         if status is StepStatus.CARRIED and self.keyframes:
@@ -165,7 +111,7 @@ class FrontEnd:
         """Since the last scan; where nothing measured it, as fast as the one before: of nine simulated
         logs of scans alone that had failed or were off, four became right by it, one worse."""
         motion = measurement.motion
-        if measurement.motion_covariance[0, 0] < _GUESS[0] ** 2 or motion != SE2.identity():
+        if _is_told(measurement) or motion != SE2.identity():
             return motion
         elapsed_s = measurement.time_s - self._last_s
         if not 0.0 < elapsed_s < 2.0 * self._moved_in_s < math.inf:
@@ -228,7 +174,8 @@ class FrontEnd:
         has_paused = self._pauses.take(self._elapsed_s, measurement.motion)
         if len(points) < config.min_points or is_frozen or not self._window:
             return None, StepStatus.CARRIED
-        if self._blind_m > config.most_blind_m:
+        is_told = _is_told(measurement)
+        if self._blind_m > (config.most_blind_m if is_told else config.guess_blind_m):
             return None, StepStatus.BROKEN
         odometry = inverse_of(self._P)
         match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
@@ -244,7 +191,9 @@ class FrontEnd:
             if held.cost < match.cost + config.better:
                 match = held
         if self._is_open(match):
-            match = self._across_the_way(points, T_predicted, odometry, match)
+            told = self._surfaces, points, T_predicted, odometry
+            match = across_the_way(*told, match, config)
+            match = closed_match(*told, match, config) if self._is_open(match) else match
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         good = config.guess_inlier_ratio if self._is_guess() else config.good_inlier_ratio
         if match.inlier_ratio >= max(good, least):
@@ -269,20 +218,6 @@ class FrontEnd:
         """Whether a scan itself leaves a direction open."""
         return match.least_facing < self.config.least_facing
 
-    def _across_the_way(
-        self, points: FloatArray, T_predicted: SE2, odometry: FloatArray, match: SurfaceMatch
-    ) -> SurfaceMatch:
-        """A match that leaves a direction open, or the one that wheels which say little lead to, if
-        surfaces across that direction make it the better one: of odometry that stands still while
-        the robot drives, wheels hold the scan where what is ahead counts as an outlier."""
-        free = self._surfaces.match(points, T_predicted, T_predicted, _LITTLE * odometry)
-        is_better = (
-            free.cost < match.cost - self.config.better
-            and not self._is_open(free)
-            and free.T_map_base.is_near(T_predicted, *_NEAR)
-        )
-        return free if is_better else match
-
     def _around(
         self, points: FloatArray, T_last: SE2, T_predicted: SE2, odometry: FloatArray
     ) -> SurfaceMatch:
@@ -293,8 +228,12 @@ class FrontEnd:
         for middle in (T_last, T_predicted):
             starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
         # wheels that are that far off tell little of where along a wall the robot is
-        loose = _LITTLE * odometry
-        found += [self._surfaces.match(points, start, T_predicted, loose) for start in starts]
+        loose = LITTLE * odometry
+        for start in starts:
+            match = self._surfaces.match(points, start, T_predicted, loose)
+            reach = _WIDER * config.reach_m, _WIDER * config.reach_rad
+            if any(match.T_map_base.is_near(middle, *reach) for middle in (T_last, T_predicted)):
+                found.append(match)
         return min(found, key=lambda match: match.cost)
 
     def _passed(self, T_map_base: SE2, beams: Beams) -> float:
@@ -347,3 +286,8 @@ class FrontEnd:
         self._window.append(points_map)
         if len(self._window) > self.config.window:
             self._surfaces.remove(self._window.popleft())
+
+
+def _is_told(measurement: Measurement) -> bool:
+    """Whether anything measured the way since the last scan."""
+    return bool(measurement.motion_covariance[0, 0] < _GUESS[0] ** 2)

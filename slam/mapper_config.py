@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from slam.front_end import FrontEndConfig
+from slam.front_end_config import FrontEndConfig
 from slam.joint_adjustment import AdjustmentConfig
 from slam.loop_closing import LoopConfig
 from slam.map_consistency import ConsistencyConfig

@@ -13,7 +13,8 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.drive_adjustment import PARAMETER_COUNT, WheelRecord
-from slam.front_end import FrontEnd, FrontEndConfig
+from slam.front_end import FrontEnd
+from slam.front_end_config import FrontEndConfig
 from slam.keyframes import StepStatus
 from slam.measurements import Measurement
 from slam.odometry import DifferentialDrive, WheelModel

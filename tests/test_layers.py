@@ -108,6 +108,8 @@ RANKS = (
         "lost_search",
         "lost",
         "front_end",
+        "front_end_config",
+        "open_matches",
         "contradictions",
         "driven_through",
         "icp_mapping",

@@ -134,3 +134,51 @@ def test_odometry_that_stands_still_does_not_hold_what_sees_the_end_of_the_way()
         front_end.update(Measurement(0.2 * index, told, scan, np.eye(3) * sigma**2))
         pose = pose @ SE2(0.1, 0.0, 0.0)
     assert front_end.T_map_base.x == pytest.approx(7.9, abs=0.05)
+
+
+def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
+    front_end = FrontEnd(ring.T_BASE_LASER)
+    first, second = ring.drive(ring.way(0.01), np.random.default_rng(0))[:2]
+    front_end.update(first)
+    match, places = front_end._surfaces.match, []
+
+    def wandering(points, T_start, T_predicted, odometry, *args):
+        found = match(points, T_start, T_predicted, odometry, *args)
+        places.append(T_start)
+        is_first = len(places) == 1  # where wheels lead
+        off = SE2.identity() if is_first else SE2(2.0 if len(places) % 2 else 1.0, 0.0, 0.0)
+        return replace(found, T_map_base=T_start @ off, cost=0.5 if is_first else 0.4 - off.x / 10)
+
+    monkeypatch.setattr(front_end._surfaces, "match", wandering)
+    monkeypatch.setattr(front_end._surfaces, "searched", lambda *_: [SE2.identity()] * 2)
+    found = front_end._around(
+        front_end._seen(front_end._beams(second)), *[SE2.identity()] * 2, np.eye(3)
+    )
+    assert found.T_map_base.x == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(("beams", "status"), [(30, "CARRIED"), (90, "BROKEN")])
+def test_few_points_that_fit_nothing_begin_no_new_piece(beams, status):
+    # among trees, such scans fit where they should not
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
+    angles = np.radians(np.linspace(-90.0, 90.0, beams))
+    for k in range(4):
+        scan = scan_of(room(-3.0, -2.0, 3.0, 2.0), SE2.identity(), rng, 0.01, angles)
+        if k == 3:
+            scan = replace(scan, ranges_m=rng.uniform(1.0, 8.0, beams))
+        step = front_end.update(Measurement(0.2 * k, SE2.identity(), scan, np.eye(3) * 1e-4))
+    assert step.status is StepStatus[status]
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "status"), [(0.05, StepStatus.MATCHED), (1.0, StepStatus.BROKEN)]
+)
+def test_wheels_that_are_a_guess_lead_blind_for_two_metres(sigma_m, status):
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
+    walls, covariance = room(-3.0, -2.0, 9.0, 2.0), np.diag([sigma_m**2, sigma_m**2, 0.01])
+    blind = scan_of(walls, SE2.identity(), rng, 0.01, np.zeros(1))
+    for k in range(8):
+        scan = blind if 0 < k < 7 else scan_of(walls, SE2(0.4 * k, 0.0, 0.0), rng, 0.01)
+        told = SE2(0.4, 0.0, 0.0) if k else SE2.identity()
+        step = front_end.update(Measurement(1.0 * k, told, scan, covariance))
+    assert step.status is status

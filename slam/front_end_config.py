@@ -1,0 +1,71 @@
+"""How the front end of mapping places scans."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from slam.beams import POINTS_WITHIN_M
+from slam.pauses import PauseConfig
+from slam.surface_map import SurfaceMapConfig
+from slam.wheel_scale import WheelScaleConfig
+
+
+@dataclass(frozen=True)
+class FrontEndConfig:
+    """How a `FrontEnd` places scans.
+
+    window: keyframes that the surfaces are learnt from. keyframe_m, keyframe_rad: motion after
+    which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
+    itself. good_inlier_ratio: below it, the scan is looked for where the wheels count less, by
+    trust of their normalised innovation squared, and all around, within about reach_m and reach_rad;
+    guess_inlier_ratio: in its place where nothing tells how far the robot went: a metre along a wall
+    off, 0.85 of a scan fitted still.
+    least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
+    pose found around must be better; better_against: one that the wheels contradict: odometry that
+    jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
+    where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
+    nothing: somebody stands before it. least_begun: points of a scan that begins a new piece where
+    scans broke off: fewer, among trees, fit what they should not. most_blind_m: by the wheels alone;
+    after more, they lie outside of what is searched, and a scan that fits may be one that looks the
+    same; guess_blind_m: where wheels are no more than a guess; fastest_mps:
+    wheels that tell of more have jumped. least_facing: share of a scan across a direction, below
+    which it leaves that open: a tenth of the least of five real logs but for one corridor.
+    pause_inlier_ratio: of the scan after a pause that must fit for the robot to be where it was; 0.94
+    and more did on the same logs, of robots carried into the next room 0.77 to 0.86 in four cases of
+    five.
+    most_passed: share of what a keyframe shortly before shows in view of the scan, of at least
+    min_points, that its beams went through, by margins [m] and as a share: then the scan is
+    taken elsewhere, however well it fits; of five real logs 0.36 and less, among four who walk along
+    0.66.
+    range_max_m: farther ends of beams are left out. Chosen, all of these.
+    """
+
+    surfaces: SurfaceMapConfig = field(default_factory=SurfaceMapConfig)
+    wheel_scale: WheelScaleConfig = field(default_factory=WheelScaleConfig)
+    window: int = 25
+    keyframe_m: float = 0.25
+    keyframe_rad: float = math.radians(12.0)
+    step_sigma: tuple[float, float, float] = (0.01, 0.01, 0.01)
+    good_inlier_ratio: float = 0.85
+    guess_inlier_ratio: float = 0.95
+    trust: float = 20.0
+    reach_m: float = 0.8
+    reach_rad: float = math.radians(50.0)
+    least_inlier_ratio: float = 0.65
+    least_seen_ratio: float = 0.3
+    better: float = 0.03
+    better_against: float = 0.24
+    break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
+    min_points: int = 20
+    least_begun: int = 40
+    blocked_m: float = 0.6
+    most_blind_m: float = 5.0
+    guess_blind_m: float = 2.0
+    fastest_mps: float = 10.0
+    least_facing: float = 0.003
+    pauses: PauseConfig = field(default_factory=PauseConfig)
+    pause_inlier_ratio: float = 0.9
+    most_passed: float = 0.75
+    margins: tuple[float, float] = (0.15, 0.02)
+    range_max_m: float = POINTS_WITHIN_M
