@@ -30,6 +30,7 @@ from slam.readers.log_odometry import (
     unknown_motion,
 )
 from slam.readers.no_return import NoReturnSearch
+from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.se2 import SE2
 from slam.text_fields import numbers
@@ -86,18 +87,19 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
     laser = survey.chosen_laser(config)
     has_poses, is_silent = survey.has_poses(laser), survey.is_silent(laser)
     has_odometry = has_poses and not is_silent
+    is_own = survey.own_parts[laser].is_own
     return Log(
         name=path.name,
         T_base_laser=survey.mounting(laser, config),
         scan_count=survey.counts[laser],
         records=LogRecords(
             survey.counts[laser] + survey.counts["ODOM"],
-            partial(_records, path, laser, survey.fan_of(laser)),
+            without_own_parts(partial(_records, path, laser, survey.fan_of(laser)), is_own),
         ),
         noise=config.noise.covariance if has_odometry else unknown_motion,
         has_odometry=has_odometry,
         is_blind=survey.codes[laser].is_blind,
-        notes=(SILENT,) if has_poses and is_silent else (),
+        notes=((SILENT,) if has_poses and is_silent else ()) + own_parts_said(is_own),
     )
 
 
@@ -153,6 +155,9 @@ class _Survey:
     wheels: defaultdict[str, SilentWheels] = field(
         default_factory=lambda: defaultdict(SilentWheels)
     )
+    own_parts: defaultdict[str, OwnPartsSearch] = field(
+        default_factory=lambda: defaultdict(OwnPartsSearch)
+    )
     T_odom_last: SE2 | None = None
 
     def add(self, fields: list[str], place: str, config: CarmenConfig) -> None:
@@ -184,6 +189,7 @@ class _Survey:
         if T_odom_base is not None:
             self.wheels[name].add_pose(T_odom_base)
         self.wheels[name].add_scan(line.ranges_m)
+        self.own_parts[name].add(line.ranges_m)
 
     def chosen_laser(self, config: CarmenConfig) -> str:
         """The name of the lines that are the scans. Raises ValueError where there are none."""

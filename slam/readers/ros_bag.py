@@ -24,6 +24,7 @@ from slam.readers.log_odometry import (
     unknown_motion,
 )
 from slam.readers.no_return import NoReturnSearch
+from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.scan_message import ScanMessage
 from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.readers.stamp_order import in_stamp_order
@@ -80,15 +81,17 @@ def read_ros_bag(
     has_odometry = sources.odometry is not None and not survey.wheels.is_silent
     if sources.odometry is not None and not has_odometry:
         notes.append(SILENT)
+    is_own = survey.own_parts.is_own
+    read = without_own_parts(partial(_records, sources), is_own)
     return Log(
         name=bag.name,
         T_base_laser=sources.mounting.T_base_laser,
         scan_count=survey.scans,
-        records=LogRecords(survey.scans + survey.poses, partial(_records, sources)),
+        records=LogRecords(survey.scans + survey.poses, read),
         noise=noise.covariance if has_odometry else unknown_motion,
         has_odometry=has_odometry,
         is_blind=survey.codes.is_blind,
-        notes=tuple(notes),
+        notes=(*notes, *own_parts_said(is_own)),
     )
 
 
@@ -271,6 +274,7 @@ class _Survey:
     def __init__(self) -> None:
         self.scans = self.poses = 0
         self.codes, self.wheels = NoReturnSearch(), SilentWheels()
+        self.own_parts = OwnPartsSearch()
         self._spans = {"scans": [math.inf, -math.inf], "odometry": [math.inf, -math.inf]}
 
     def add(self, record: LogRecord, has_odometry: bool) -> None:
@@ -287,6 +291,7 @@ class _Survey:
         position = (record.T_odom_base.x, record.T_odom_base.y) if has_odometry else None
         self.codes.add(record.scan.ranges_m, step_rad, position)
         self.wheels.add_scan(record.scan.ranges_m)
+        self.own_parts.add(record.scan.ranges_m)
 
     def check(self, name: str, sources: _Sources) -> None:
         """Raises ValueError where scans and odometry have nothing to do with each other."""

@@ -21,6 +21,7 @@ from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.readers.lines import text_lines
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.no_return import NoReturnSearch
+from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.sweep_clock import rhythm
 from slam.se2 import FARTHEST_M, SE2
 from slam.text_fields import numbers
@@ -130,7 +131,7 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
     stamps_s: list[float] = []
     ticks: list[FloatArray] = []
     nearest_m = np.zeros(0)
-    codes = NoReturnSearch()
+    codes, own_parts = NoReturnSearch(), OwnPartsSearch()
     for line in _lines(path, config):
         nearest_m = np.fmin(line.ranges_m, nearest_m if stamps_s else np.inf)
         stamps_s.append(line.time_s)
@@ -138,20 +139,24 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
         # as far along its way; where that is straight, so far from where it was
         way_m = float(config.drive.wheel_travel_m(line.ticks).mean())
         codes.add(line.ranges_m, config.step_rad, (way_m, 0.0))
+        own_parts.add(line.ranges_m)
     if not stamps_s:
         raise ValueError(f"{path.name}: no line of ticks and ranges, so no scan to work with")
     config = replace(config, range_max_m=min(config.range_max_m, codes.no_return_m))
     returned = nearest_m < config.range_max_m
     sweeps = _Sweeps.of(np.array(stamps_s), np.array(ticks), returned, config)
+    is_own = own_parts.is_own
+    read = without_own_parts(partial(_records, path, config, sweeps), is_own)
     return Log(
         name=path.name,
         T_base_laser=config.T_base_laser,
         scan_count=len(stamps_s),
-        records=LogRecords(len(stamps_s), partial(_records, path, config, sweeps)),
+        records=LogRecords(len(stamps_s), read),
         noise=config.covariance,
         is_blind=codes.is_blind,
         wheels=config.wheels,
         with_wheels=lambda wheels: read_ticks(path, config.with_wheels(wheels)),
+        notes=own_parts_said(is_own),
     )
 
 
