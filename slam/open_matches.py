@@ -16,6 +16,8 @@ _NEAR = 0.3, 0.15
 """[m], [rad]: what lies farther from where wheels lead is looked for with more care. Chosen."""
 _SLID_M = 0.15, 0.3, 0.45
 """To either side: wheels off by 15 cm after a metre, a scan each metre. Chosen."""
+_MOST_SLID = 0.6, 0.15
+"""[m], [rad]: what lies farther off is something else. Chosen."""
 _SLID_BETTER = 0.01
 """Cost by which surfaces across the open direction must make a slid match the better one: they are a
 few points of a scan. Chosen."""
@@ -65,6 +67,7 @@ def closed_match(
         start = match.T_map_base @ SE2.exp(slid_m * slide)
         other = surfaces.match(points, start, T_predicted, LITTLE * odometry)
         is_closed = other.least_facing >= config.least_facing
-        if is_closed and other.cost < min(best.cost, match.cost - _SLID_BETTER):
+        is_slid = other.T_map_base.is_near(match.T_map_base, *_MOST_SLID)
+        if is_closed and is_slid and other.cost < min(best.cost, match.cost - _SLID_BETTER):
             best = other
     return best

@@ -1,6 +1,7 @@
 """Between bare walls, wheels off by half a metre lead past what little tells how far the robot went."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,3 +61,26 @@ def test_scan_among_pillars_that_look_the_same_stays_at_those_it_saw(every_m):
     true = SE2(0.5, 0.0, 0.0)
     _, closed = matched(np.concatenate([BARE, *pillars]), true, SE2(0.53, 0.0, 0.0))
     assert closed.T_map_base.is_near(true, 0.06, 0.02)
+
+
+@pytest.mark.parametrize(("off_m", "is_taken"), [(0.3, True), (4.0, False)])
+def test_what_lies_far_from_where_the_wheels_lead_is_not_slid_to(off_m, is_taken):
+    # odometry of mit-csail told a turn of 86 degrees that scans had shown already: 4 m off, the other
+    # end of a corridor fitted
+    match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
+    there = match.T_map_base @ SE2(off_m, 0.0, 0.0)
+    found = replace(match, T_map_base=there, information=np.eye(3), cost=match.cost - 0.02)
+    closed = closed_match(
+        Finding(found), np.zeros((50, 3)), SE2.identity(), ODOMETRY, match, CONFIG
+    )
+    assert (closed is found) is is_taken
+
+
+class Finding:
+    """Surfaces on which a scan is found at one place, wherever it is looked for."""
+
+    def __init__(self, found):
+        self._found = found
+
+    def match(self, *_):
+        return self._found
