@@ -115,23 +115,31 @@ def _said_of_map(summary: dict[str, Any]) -> list[str]:
     return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
 
+def _of_sessions(summary: dict[str, Any]) -> str:
+    """What a map's counts are of, where it has more than the session told of."""
+    count = len(summary["sessions"])
+    return f", of {count} sessions" if count > 1 else ""
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary for people to read."""
     cpu = summary["cpu_s"]
     lines = [
         f"{summary['log']}: {summary['scans']} scans, {summary['way_m']:.0f} m in"
-        f" {summary['duration_s']:.0f} s; {summary['keyframes']} keyframes, {summary['loops']} loops"
-        f" ({summary['loops_rejected']} rejected)",
+        f" {summary['duration_s']:.0f} s",
         f"map: {summary['verdict']}" + "".join(f"; {said}" for said in _said_of_map(summary)),
+        f"on it: {summary['keyframes']} keyframes, {summary['loops']} loops"
+        f" ({summary['loops_rejected']} rejected){_of_sessions(summary)}",
         f"scans: {summary['matched']} matched, {summary['searched']} found by search,"
-        f" {summary['carried']} by the wheels alone, {summary['broken']} broke off",
+        f" {summary['carried']} placed by no scan (the first one among them), {summary['broken']} broke"
+        " off",
         f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
         f" scan), {cpu['finish']:.1f} s to finish; memory grew by {_mb(summary['memory_mb'])}",
     ]
     if summary["continued"] is not None:
         number, at = len(summary["sessions"]), summary["joined_at"]
         if not summary["sessions"][-1]["joined"]:
-            joined = "never joined"
+            joined = "never joined (nothing that it saw was found on the map beyond doubt)"
         elif at is None:
             joined = "joined at its end"
         else:

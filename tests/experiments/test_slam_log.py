@@ -192,7 +192,9 @@ def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, c
     arguments = ["slam", str(LOG), "--map", str(path), "--start", "9", "0", "1.5"]
     assert main([*arguments, "--out", str(tmp_path)]) == 1
     said = capsys.readouterr().out
-    assert "session 2, on map.kitasap: never joined" in said
+    assert "session 2, on map.kitasap: never joined (nothing that it saw was found on" in said
+    assert ", of 2 sessions" in said
+    assert "placed by no scan (the first one among them)" in said
     assert "map: failed; session 2" in said
     line = refusal(capsys, "slam", LOG, "--map", tmp_path / "map.kitasap", "--out", tmp_path / "c")
     assert "session 2 of the map was never joined" in line
