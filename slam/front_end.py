@@ -17,7 +17,7 @@ from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.measurements import Measurement
-from slam.open_matches import LITTLE, across_the_way, closed_match
+from slam.open_matches import LITTLE, closed_match
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
@@ -191,9 +191,7 @@ class FrontEnd:
             if held.cost < match.cost + config.better:
                 match = held
         if self._is_open(match):
-            told = self._surfaces, points, T_predicted, odometry
-            match = across_the_way(*told, match, config)
-            match = closed_match(*told, match, config) if self._is_open(match) else match
+            match = closed_match(self._surfaces, points, T_predicted, odometry, match, config)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         good = config.guess_inlier_ratio if self._is_guess() else config.good_inlier_ratio
         if match.inlier_ratio >= max(good, least):

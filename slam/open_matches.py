@@ -23,29 +23,6 @@ _SLID_BETTER = 0.01
 few points of a scan. Chosen."""
 
 
-def across_the_way(
-    surfaces: SurfaceMap,
-    points: FloatArray,
-    T_predicted: SE2,
-    odometry: FloatArray,
-    match: SurfaceMatch,
-    config: FrontEndConfig,
-) -> SurfaceMatch:
-    """A match of faced points (N, 3) that leaves a direction open, or the one that wheels which say
-    little lead to, if surfaces across that direction make it the better one: of odometry that stands
-    still while the robot drives, wheels hold the scan where what is ahead counts as an outlier.
-
-    odometry: (3, 3) information of T_predicted.
-    """
-    free = surfaces.match(points, T_predicted, T_predicted, LITTLE * odometry)
-    is_better = (
-        free.cost < match.cost - config.better
-        and free.least_facing >= config.least_facing
-        and free.T_map_base.is_near(T_predicted, *_NEAR)
-    )
-    return free if is_better else match
-
-
 def closed_match(
     surfaces: SurfaceMap,
     points: FloatArray,
@@ -54,8 +31,20 @@ def closed_match(
     match: SurfaceMatch,
     config: FrontEndConfig,
 ) -> SurfaceMatch:
-    """A match as in `across_the_way`, or one that begins farther along the open direction and leaves
-    it open no more, if it is better: noisy wheels lead past the few surfaces that tell."""
+    """A match of faced points (N, 3) that leaves a direction open, or a better one that does not.
+
+    odometry: (3, 3) information of T_predicted. First where wheels that say little lead: of odometry
+    that stands still while the robot drives, wheels hold the scan where what is ahead counts as an
+    outlier. Then farther along the open direction: noisy wheels lead past the few surfaces that tell.
+    """
+    free = surfaces.match(points, T_predicted, T_predicted, LITTLE * odometry)
+    is_better = (
+        free.cost < match.cost - config.better
+        and free.least_facing >= config.least_facing
+        and free.T_map_base.is_near(T_predicted, *_NEAR)
+    )
+    if is_better:
+        return free
     known = match.information
     if not known[2, 2] > 0.0:
         return match
