@@ -1,5 +1,7 @@
 """Scans alone: a robot is looked for where it goes on as it did before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,43 @@ def test_robot_that_ends_a_turn_is_looked_for_where_it_was_as_well():
         measurement = Measurement(0.3 * k, SE2.identity(), scan, UNMEASURED)
         found = front_end.update(measurement).T_map_base
         assert found.is_near(SE2(0.0, 0.0, heading), 0.03, 0.01)
+
+
+@pytest.mark.parametrize(
+    ("interval_s", "off_m", "status"),
+    [
+        # offices without wheels: 0.83 m beside where it went on to, 0.05 better, and four scans stayed
+        (0.3, 0.83, StepStatus.MATCHED),
+        (0.3, 0.3, StepStatus.SEARCHED),
+        # of a scan each three seconds, fr101, a robot that drives off is there
+        (3.0, 0.83, StepStatus.SEARCHED),
+    ],
+)
+def test_robot_does_not_go_five_times_as_far_at_once(monkeypatch, interval_s, off_m, status):
+    rng, front_end = np.random.default_rng(0), FrontEnd(SE2.identity())
+    match = front_end._surfaces.match
+
+    def badly(*args, **kwargs):
+        return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.25)
+
+    def around(points, T_last, T_predicted, odometry):
+        found = badly(points, T_predicted, T_predicted, odometry)
+        off = SE2(off_m, 0.0, 0.0)
+        return replace(found, T_map_base=T_predicted @ off, inlier_ratio=0.9, cost=0.2)
+
+    for k in range(8):
+        if k == 7:
+            monkeypatch.setattr(front_end._surfaces, "match", badly)
+            monkeypatch.setattr(front_end, "_around", around)
+        scan = scan_of(WALLS, SE2(STEP_M * k, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
+        step = front_end.update(Measurement(interval_s * k, SE2.identity(), scan, UNMEASURED))
+    assert step.status is status
+
+
+def test_that_a_robot_goes_on_proves_nothing_of_where_it_is():
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
+    bare = room(-30.0, -1.2, 60.0, 1.2)
+    for k in range(8):
+        scan = scan_of(bare, SE2(STEP_M * k, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
+        front_end.update(Measurement(0.3 * k, SE2.identity(), scan, UNMEASURED))
+    assert front_end.keyframes[-1].covariance[0, 0] > 0.9
