@@ -58,7 +58,7 @@ def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float) -> 
     return [
         "walls along the way look the same all along, and how far the robot went between them the"
         f" wheels alone tell, {known if by_scale_m > by_noise_m else noisy}: the map may be off by"
-        f" {off_m:.1f} m"
+        f" {off_m:.2f} m"
     ]
 
 
