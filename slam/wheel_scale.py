@@ -4,14 +4,13 @@ told, and between walls that look the same all along the wheels alone say how lo
 from __future__ import annotations
 
 import math
-import statistics
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.kernels import wheel_scale as kernels
+from slam.running_median import RunningMedian
 from slam.se2 import SE2
 
 _STANDING_M = 1e-3
@@ -76,11 +75,12 @@ class WheelScale:
         self.scale, self.variance = 1.0, self.config.sigma**2
         self._across: FloatArray = np.zeros(3)
         self._told = SE2.identity()
-        self._ahead: FloatArray = np.array([1.0, 0.0, 0.0])
+        self._ahead = 1.0, 0.0
+        self._noise = 1.0
         self._all_m = self._late_m = self._untold_m = 0.0
-        self._squared: deque[float] = deque(maxlen=_REMEMBERED)
-        self._ahead_squared: deque[float] = deque(maxlen=_REMEMBERED)
-        self._seen: deque[float] = deque(maxlen=_REMEMBERED)
+        self._squared = RunningMedian(_REMEMBERED)
+        self._ahead_squared = RunningMedian(_REMEMBERED)
+        self._seen = RunningMedian(_REMEMBERED)
         self._forget()
 
     @property
@@ -122,36 +122,41 @@ class WheelScale:
         if told_m > 0.0:
             # the innovation is in the frame at the end of the motion
             bearing_rad = math.atan2(self._told.y, self._told.x) - self._told.theta
-            self._ahead = np.array([math.cos(bearing_rad), math.sin(bearing_rad), 0.0])
-        slope_m = float(self._ahead @ self._across) / self.variance
+            self._ahead = math.cos(bearing_rad), math.sin(bearing_rad)
+        slope_m = self._along(self._across) / self.variance
         less, squared = kernels.update(covariance, self._across, innovation, information)
         if least_facing < config.least_facing:
             return
         # a scan at which the wheels told of no way counts as well: others told of all of it
-        self._note_delay(told_m, float(self._ahead @ innovation))
+        ahead_m = self._along(innovation)
+        self._note_delay(told_m, ahead_m)
         if told_m > _STANDING_M:
-            self._squared.append(squared)
-            variance_m2 = float(self._ahead @ covariance @ self._ahead)
-            self._ahead_squared.append(float(self._ahead @ innovation) ** 2 / variance_m2)
-        noise = self._noise
-        self._has_jumped |= squared > noise * config.most_nis
+            self._note_noise(squared, ahead_m, covariance)
+        self._has_jumped |= squared > self._noise * config.most_nis
         self._way_m += told_m
-        self._moved_m += float(self._ahead @ innovation)
-        self._lever_m += slope_m - float(self._ahead @ self._across) / self.variance
+        self._moved_m += ahead_m
+        self._lever_m += slope_m - self._along(self._across) / self.variance
         if slope_m > _STANDING_M:
             self._scans += 1
             self._slopes_m += slope_m
             self._information += (1.0 / (self.variance - less) - 1.0 / self.variance) / slope_m
-        if self._way_m > noise * config.way_m and len(self._squared) >= config.least_scans:
-            self._take_in(less, noise)
+        if self._way_m > self._noise * config.way_m and len(self._squared) >= config.least_scans:
+            self._take_in(less)
 
-    @property
-    def _noise(self) -> float:
-        """Variance that the wheels show, as a multiple of what they were told to have; 1 at least."""
-        if not self._squared:
-            return 1.0
-        ahead = statistics.median(self._ahead_squared) / _MEDIAN_AHEAD
-        return max(1.0, ahead, statistics.median(self._squared) / _MEDIAN_NIS)
+    def _along(self, vector: FloatArray) -> float:
+        """Of a vector (3,) [m, m, rad], what lies along the way."""
+        return float(self._ahead[0] * vector[0] + self._ahead[1] * vector[1])
+
+    def _note_noise(self, squared: float, ahead_m: float, covariance: FloatArray) -> None:
+        """From the normalised innovation squared, and from the innovation along the way: the variance
+        that the wheels show, as a multiple of what they were told to have; 1 at least."""
+        c, s = self._ahead
+        variance_m2 = c * c * covariance[0, 0] + s * s * covariance[1, 1]
+        variance_m2 += 2.0 * c * s * covariance[0, 1]
+        self._squared.take(squared)
+        self._ahead_squared.take(float(ahead_m**2 / variance_m2))
+        ahead = self._ahead_squared.median / _MEDIAN_AHEAD
+        self._noise = max(1.0, ahead, self._squared.median / _MEDIAN_NIS)
 
     def _note_delay(self, told_m: float, ahead_m: float) -> None:
         """How far scans went, by what they say ahead, just before the wheels told of any way."""
@@ -162,11 +167,10 @@ class WheelScale:
         else:
             self._untold_m = ahead_m
 
-    def _take_in(self, less: float, noise: float) -> None:
+    def _take_in(self, less: float) -> None:
         """Learns from the last stretch of the way, if wheels and scans tell of it alike.
 
-        less: by which the last scan alone lessens the variance; that the pose knows of already. noise:
-        by which the variance of the wheels is a multiple of what they were told to have.
+        less: by which the last scan alone lessens the variance; that the pose knows of already.
         Odometry that is late, or told less often than scans, tells of too much at one scan and of too
         little at the next. What scans tell is summed up, therefore, before it is set against the
         wheels: scan by scan, those told too much of would weigh more.
@@ -175,11 +179,11 @@ class WheelScale:
         alike = self.config.alike
         usual_m = self._usual * way_m
         is_alike = alike * usual_m < seen_m and alike * seen_m < usual_m
-        self._seen.append(seen_m / way_m)
+        self._seen.take(seen_m / way_m)
         is_late = self._late_m > self.config.most_late * self._all_m
         is_told = self._scans > 0 and self._lever_m > _STANDING_M
         if is_alike and is_told and not self._has_jumped and not is_late:
-            information = self._information * self._slopes_m / self._scans / noise
+            information = self._information * self._slopes_m / self._scans / self._noise
             variance = max(1.0 / (1.0 / self.variance + information), self.config.least_sigma**2)
             self.scale += variance * information * self._moved_m / self._lever_m
             self._across *= variance / (self.variance - less)
@@ -190,7 +194,7 @@ class WheelScale:
     def _usual(self) -> float:
         """Way by scans for each metre by the wheels, in the median of the last stretches: about 1,
         noisy wheels of another scale would be believed where their noise makes up for it."""
-        return 1.0 if len(self._seen) < _STRETCHES else statistics.median(self._seen)
+        return 1.0 if len(self._seen) < _STRETCHES else self._seen.median
 
     def _forget(self) -> None:
         """Begins a stretch anew."""
