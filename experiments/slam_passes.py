@@ -184,11 +184,25 @@ def _of_records(
     before the first or after the last as there."""
     if len(scan_rows) == 0:
         return of_scans
-    # by the rows of the log: stamps may go back
-    rows = np.arange(len(times_s), dtype=np.float64)
-    scans = Trajectory(scan_rows.astype(np.float64), of_scans.poses)
-    told = Trajectory(rows, odometry) if log.has_odometry else None
-    asked = rows if log.has_odometry else np.clip(rows, scan_rows[0], scan_rows[-1])
+    # by their places in the log: stamps may go back
+    places = _places(times_s, odometry, scan_rows)
+    scans = Trajectory(places[scan_rows], of_scans.poses)
+    told = Trajectory(places, odometry) if log.has_odometry else None
+    first, last = places[scan_rows[0]], places[scan_rows[-1]]
+    asked = places if log.has_odometry else np.clip(places, first, last)
     poses = PoseLookup(scans, told, max_gap_s=float(len(times_s))).at(asked)
     is_placed = np.isfinite(poses).all(axis=1)
     return Trajectory(times_s[is_placed], poses[is_placed])
+
+
+def _places(times_s: np.ndarray, odometry: np.ndarray, scan_rows: np.ndarray) -> np.ndarray:
+    """Where in the log each record stands, counted up. Records of one stamp and one pose of the wheels
+    are one place, with one scan at most: what the scan corrects does not lie between them."""
+    is_scan = np.isin(np.arange(len(times_s)), scan_rows)
+    is_alike = (np.diff(times_s) == 0.0) & (np.diff(odometry, axis=0) == 0.0).all(axis=1)
+    places, has_scan = np.zeros(len(times_s)), is_scan[0]
+    for row in range(1, len(times_s)):
+        is_same = is_alike[row - 1] and not (has_scan and is_scan[row])
+        has_scan = is_scan[row] or (is_same and has_scan)
+        places[row] = places[row - 1] + (not is_same)
+    return places

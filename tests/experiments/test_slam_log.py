@@ -49,6 +49,16 @@ def test_every_record_has_a_pose_and_every_keyframe_a_node(folder):
     )
 
 
+def test_records_of_one_stamp_and_one_pose_of_the_wheels_are_at_one_place(folder):
+    """Each scan of the log stands behind an odometry record of the same stamp."""
+    trajectory = read_tum(folder / "trajectory.tum")
+    is_double = np.diff(trajectory.times_s) == 0.0
+    assert is_double.sum() >= 10
+    steps = np.diff(trajectory.poses, axis=0)
+    assert (steps[is_double] == 0.0).all()
+    assert np.hypot(steps[~is_double, 0], steps[~is_double, 1]).max() > 0.01
+
+
 def test_map_is_a_ros_map_with_walls_and_free_space(folder):
     grid = read_map(folder / "map.yaml")
     assert grid.is_free.sum() > 10_000
