@@ -3,7 +3,6 @@ told, and between walls that look the same all along the wheels alone say how lo
 
 from __future__ import annotations
 
-import cmath
 import math
 from dataclasses import dataclass
 
@@ -21,8 +20,6 @@ _MEDIAN_NIS, _MEDIAN_AHEAD = 2.37, 0.455
 and with one)."""
 _REMEMBERED = 100
 """Scans that show how noisy the wheels are. Chosen."""
-_AHEAD_M = 1.0
-"""Chosen: of the way, as the wheels tell of it, that shows along which line a robot goes."""
 _STRETCHES = 5
 """Chosen: fewer do not show around which scale wheels slip."""
 
@@ -78,8 +75,7 @@ class WheelScale:
         self.scale, self.variance = 1.0, self.config.sigma**2
         self._across: FloatArray = np.zeros(3)
         self._told = SE2.identity()
-        self._ahead = 1.0 + 0.0j
-        self._doubled_way = 0.0j  # [m], at twice its angle: back and forth are one way
+        self._ahead = 1.0, 0.0
         self._noise = 1.0
         self._all_m = self._late_m = self._untold_m = 0.0
         self._squared = RunningMedian(_REMEMBERED)
@@ -122,7 +118,11 @@ class WheelScale:
         covariance: (3, 3) of the pose before, information: (3, 3) of the scan alone.
         """
         config = self.config
-        told_m = self._turn_ahead()
+        told_m = math.hypot(self._told.x, self._told.y)
+        if told_m > 0.0:
+            # the innovation is in the frame at the end of the motion
+            bearing_rad = math.atan2(self._told.y, self._told.x) - self._told.theta
+            self._ahead = math.cos(bearing_rad), math.sin(bearing_rad)
         slope_m = self._along(self._across) / self.variance
         less, squared = kernels.update(covariance, self._across, innovation, information)
         if least_facing < config.least_facing:
@@ -143,28 +143,14 @@ class WheelScale:
         if self._way_m > self._noise * config.way_m and len(self._squared) >= config.least_scans:
             self._take_in(less)
 
-    def _turn_ahead(self) -> float:
-        """How far the wheels told of along the way [m]. Its direction is that of the steps before: a
-        step that noise lengthens points where its noise does, and scales would come out too small."""
-        # as seen from the end of the motion, as the innovation is
-        told = complex(self._told.x, self._told.y) * cmath.rect(1.0, -self._told.theta)
-        if not told:
-            return 0.0
-        axis = cmath.sqrt(self._doubled_way or told**2)
-        along_m = (told * axis.conjugate()).real / abs(axis)
-        self._ahead = axis / math.copysign(abs(axis), along_m)
-        self._doubled_way *= math.exp(-abs(told) / _AHEAD_M)
-        self._doubled_way += told**2 / abs(told)
-        return abs(along_m)
-
     def _along(self, vector: FloatArray) -> float:
         """Of a vector (3,) [m, m, rad], what lies along the way."""
-        return float(self._ahead.real * vector[0] + self._ahead.imag * vector[1])
+        return float(self._ahead[0] * vector[0] + self._ahead[1] * vector[1])
 
     def _note_noise(self, squared: float, ahead_m: float, covariance: FloatArray) -> None:
         """From the normalised innovation squared, and from the innovation along the way: the variance
         that the wheels show, as a multiple of what they were told to have; 1 at least."""
-        c, s = self._ahead.real, self._ahead.imag
+        c, s = self._ahead
         variance_m2 = c * c * covariance[0, 0] + s * s * covariance[1, 1]
         variance_m2 += 2.0 * c * s * covariance[0, 1]
         self._squared.take(squared)

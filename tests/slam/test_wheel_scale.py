@@ -37,21 +37,6 @@ def test_scale_is_learnt_from_scans_that_see_ahead(true_scale):
     assert abs(scale.scale - true_scale) < 3.0 * scale.sigma < 0.015
 
 
-@pytest.mark.parametrize("heading", [0.0, np.pi], ids=["ahead", "back"])
-def test_wheels_that_tell_of_ways_aside_are_not_taken_for_longer_ones(heading):
-    """Noise of a third of a step: along what each step told, the scale comes out as 1.05."""
-    scale, rng = WheelScale(), np.random.default_rng(2)
-    for _ in range(2000):
-        x, y = rng.normal(0.0, 0.05, 2) + 0.15 * np.array([np.cos(heading), np.sin(heading)])
-        spread = np.diag([0.05**2, 0.05**2, 1e-4]) * np.hypot(x, y) / 0.15
-        covariance = scale.predict(np.zeros((3, 3)), SE2(x, y, 0.0), spread)
-        off = np.array([0.18 * np.cos(heading) - scale.scale * x, -scale.scale * y, 0.0])
-        innovation = np.linalg.inv(np.linalg.inv(covariance) + SCAN) @ SCAN @ off
-        scale.update(covariance, innovation, SCAN, 0.2)
-        scale.begin_step()
-    assert scale.scale == pytest.approx(1.2, abs=0.04)
-
-
 @pytest.mark.parametrize(
     ("information", "facing"), [(NOTHING_AHEAD, 0.2), (SCAN, 0.0002)], ids=["silent", "open"]
 )
