@@ -111,6 +111,7 @@ RANKS = (
         "front_end_config",
         "open_matches",
         "contradictions",
+        "witnesses",
         "driven_through",
         "icp_mapping",
         "loop_closing",

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from slam.arrays import FloatArray, IntArray
 from slam.kernels import compiled
 
@@ -24,6 +27,8 @@ MET, PASSED, SILENT, ROW, MOST_PASSED = range(5)
 """Columns of what `looks_into` counts: of scans, of those that passed since one last met it, and the
 most of these."""
 COUNTS = 5
+UNSEEN, NOT_THROUGH, THROUGH = range(3)
+"""What a scan says of a point: nothing, that its beams do not go through, that they do."""
 
 
 @compiled
@@ -46,45 +51,93 @@ def contradictions(
     """
     seen = passed = 0
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    count = angles.shape[0]
     for i in range(points.shape[0]):
         x = pose[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
         y = pose[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
-        bearing, distance = math.atan2(y, x), math.sqrt(x * x + y * y)
-        while bearing < angles[0]:
-            bearing += 2.0 * math.pi
-        while bearing >= angles[0] + 2.0 * math.pi:
-            bearing -= 2.0 * math.pi
-        low, high = 0, count - 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            if angles[middle] <= bearing:
-                low = middle
-            else:
-                high = middle
-        if bearing > angles[count - 1] or low < 1 or low + 2 >= count:
-            continue
-        nearest = math.inf
-        for k in range(low - 1, low + 3):
-            # nan, or too close: nothing is known there
-            nearest = min(nearest, ranges[k]) if ranges[k] > 0.0 else -math.inf
-        if not math.isfinite(nearest):
-            continue
-        seen += 1
-        aside = math.asin(min(aside_m / max(distance, aside_m), 1.0))
-        k = low - 2
-        while k >= 0 and bearing - angles[k] < aside:
-            if ranges[k] > 0.0:
-                nearest = min(nearest, ranges[k])
-            k -= 1
-        k = low + 3
-        while k < count and angles[k] - bearing < aside:
-            if ranges[k] > 0.0:
-                nearest = min(nearest, ranges[k])
-            k += 1
-        margin = margin_m + margin_share * distance
-        passed += distance < nearest - margin
+        beyond = _beyond(x, y, angles, ranges, margin_m, margin_share, aside_m)
+        if beyond == beyond:
+            seen += 1
+            passed += beyond > 0.0
     return seen, passed
+
+
+@compiled
+def statements_into(
+    faced: FloatArray,
+    pose: FloatArray,
+    origin: FloatArray,
+    angles: FloatArray,
+    ranges: FloatArray,
+    margin_m: float,
+    margin_share: float,
+    aside_m: float,
+    along: float,
+    said: NDArray[np.int8],
+) -> None:
+    """Into said (N,): what a scan says of each of faced points (N, 3): UNSEEN, NOT_THROUGH, THROUGH.
+
+    As `contradictions`; of a surface along which the scan looks, with a sine of less than `along`
+    between them, it says nothing: there a hair decides. Nor of one whose direction is not known.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(faced.shape[0]):
+        said[i] = UNSEEN
+        x = pose[0] + c * faced[i, 0] - s * faced[i, 1] - origin[0]
+        y = pose[1] + s * faced[i, 0] + c * faced[i, 1] - origin[1]
+        facing = faced[i, 2] + pose[2]
+        across = abs(math.cos(facing) * x + math.sin(facing) * y)
+        if not across >= along * math.hypot(x, y):
+            continue
+        beyond = _beyond(x, y, angles, ranges, margin_m, margin_share, aside_m)
+        if beyond == beyond:
+            said[i] = THROUGH if beyond > 0.0 else NOT_THROUGH
+
+
+@compiled
+def _beyond(
+    x: float,
+    y: float,
+    angles: FloatArray,
+    ranges: FloatArray,
+    margin_m: float,
+    margin_share: float,
+    aside_m: float,
+) -> float:
+    """By how much more than the margin all beams about a point at x, y, as seen from where they start,
+    end beyond it [m]; nan where the scan says nothing of it."""
+    count = angles.shape[0]
+    bearing, distance = math.atan2(y, x), math.sqrt(x * x + y * y)
+    while bearing < angles[0]:
+        bearing += 2.0 * math.pi
+    while bearing >= angles[0] + 2.0 * math.pi:
+        bearing -= 2.0 * math.pi
+    low, high = 0, count - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if angles[middle] <= bearing:
+            low = middle
+        else:
+            high = middle
+    if bearing > angles[count - 1] or low < 1 or low + 2 >= count:
+        return math.nan
+    nearest = math.inf
+    for k in range(low - 1, low + 3):
+        # nan, or too close: nothing is known there
+        nearest = min(nearest, ranges[k]) if ranges[k] > 0.0 else -math.inf
+    if not math.isfinite(nearest):
+        return math.nan
+    aside = math.asin(min(aside_m / max(distance, aside_m), 1.0))
+    k = low - 2
+    while k >= 0 and bearing - angles[k] < aside:
+        if ranges[k] > 0.0:
+            nearest = min(nearest, ranges[k])
+        k -= 1
+    k = low + 3
+    while k < count and angles[k] - bearing < aside:
+        if ranges[k] > 0.0:
+            nearest = min(nearest, ranges[k])
+        k += 1
+    return nearest - distance - margin_m - margin_share * distance
 
 
 @compiled

@@ -228,7 +228,8 @@ def test_search_of_a_whole_map_is_spread_over_the_scans(first, monkeypatch):
     mapper = Mapper.continued(first, ring.T_BASE_LASER)
     assert [mapper.update(one).is_joined for one in slow].index(True) < 0.7 * joined_at[1]
     assert looks[0] > 100
-    assert looks[1] <= 60
+    # what is announced leaves out a look or two at the best of what was found
+    assert looks[1] <= 66
     # a log that ends before all is looked at
     short = second[: joined_at[1] - 1]
     slam_map, steps = mapped(

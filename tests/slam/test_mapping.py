@@ -124,7 +124,7 @@ def test_map_of_a_laser_mounted_upside_down_is_called_failed(poses):
     ]
     found = mapped(overhead)
     assert not found.verdict.is_good
-    assert "the scans turn the other way round than the wheels" in found.verdict.reasons[-1]
+    assert any("the scans turn the other way round" in said for said in found.verdict.reasons)
 
 
 def blinded(measurements, first: int, last: int):
@@ -215,7 +215,7 @@ def test_robot_that_is_carried_off_unseen_makes_a_map_that_is_called_failed(pose
     measurements = ring.drive(poses[:there], np.random.default_rng(4)) + elsewhere
     found = mapped([replace(one, time_s=0.2 * k) for k, one in enumerate(measurements)])
     assert not found.verdict.is_good
-    assert any("where others saw nothing" in reason for reason in found.verdict.reasons)
+    assert any("drove through a wall" in reason for reason in found.verdict.reasons)
 
 
 def test_robot_that_pauses_is_where_it_was_if_its_scan_says_so(poses):
@@ -329,13 +329,13 @@ def test_loop_farther_off_than_was_searched_is_another_place(slam_map):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("laps", "wheels", "every", "least_loops"),
-    [(2.2, (1.2, 1.1), 80, 20), (1.2, (1.05, 1.02), 60, 0)],
+    [(2.2, (1.2, 1.1), 120, 20), (1.2, (1.05, 1.02), 60, 0)],
 )
 def test_map_that_does_not_hold_together_is_asked_again(laps, wheels, every, least_loops):
     # few loops, and a limit that no map keeps; where more of them are no better, they are left out
     config = MapperConfig(
         loops=LoopConfig(every=every),
-        consistency=ConsistencyConfig(most_passed=-1.0, aside_m=0.0),
+        consistency=ConsistencyConfig(most_passed=-1.0, aside_m=0.0, margins=(0.05, 0.0)),
         patient_rounds=1,
     )
     mapper = Mapper(ring.T_BASE_LASER, config)
