@@ -168,7 +168,7 @@ def _without_scans(times_s: FloatArray, odometry: FloatArray, scan_rows: list[in
     said = []
     for part in (slice(0, scan_rows[0] + 1), slice(scan_rows[-1], None)):
         way_m = float(np.hypot(*np.diff(odometry[part, :2], axis=0).T).sum())
-        if way_m > FrontEndConfig.most_blind_m:
+        if way_m > FrontEndConfig.blind_m[0]:
             said.append(told_by_wheels_alone(times_s[part][0], times_s[part][-1], way_m))
     return said
 

@@ -11,6 +11,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.carried import Carried
+from slam.contradictions import passed
 from slam.front_end_config import FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
@@ -71,7 +72,7 @@ class FrontEnd:
         self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
         self._blind_m += self._way_m(measurement)
         is_coasting = motion is not measurement.motion
-        match, status = self._placed(measurement, points, T_last, T_predicted, is_coasting)
+        match, status = self._placed(measurement, points, beams, T_last, T_predicted, is_coasting)
         passed_ratio = self._passed(match.T_map_base, beams) if match is not None else 0.0
         if passed_ratio > self.config.most_passed:
             match, status = None, StepStatus.BROKEN
@@ -177,6 +178,7 @@ class FrontEnd:
         self,
         measurement: Measurement,
         points: FloatArray,
+        beams: Beams,
         T_last: SE2,
         T_predicted: SE2,
         is_coasting: bool,
@@ -186,12 +188,41 @@ class FrontEnd:
         has_paused = self._pauses.take(self._elapsed_s, measurement.motion)
         if len(points) < config.min_points or is_frozen or not self._window:
             return None, StepStatus.CARRIED
-        is_told = _is_told(measurement)
-        if self._blind_m > (config.most_blind_m if is_told else config.guess_blind_m):
+        most_m = config.blind_m if _is_told(measurement) else (config.guess_blind_m,) * 2
+        if self._blind_m > most_m[1]:
             return None, StepStatus.BROKEN
         odometry = inverse_of(self._P)
         if is_coasting:
             odometry = inverse_of(self._coasted(T_last, T_predicted))
+        led = match = self._led(points, T_last, T_predicted, odometry, is_coasting)
+        least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
+        good = config.guess_inlier_ratio if self._is_guess() else config.good_inlier_ratio
+        status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
+        if match.inlier_ratio < max(good, least):
+            best = self._around(points, T_last, T_predicted, odometry)
+            innovation = (T_predicted.inverse() @ best.T_map_base).log()
+            against = innovation @ odometry @ innovation > config.trust
+            better = self._better_against(best, led, points, beams) if against else config.better
+            if best.cost < match.cost - better:
+                match, status = best, StepStatus.SEARCHED
+        fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
+        if fits and not is_blind:
+            return match, status
+        doubtful = config.least_inlier_ratio if has_paused or is_blind else config.doubtful_ratio
+        if led.inlier_ratio >= doubtful and self._is_borne_out(led, T_predicted, points, beams):
+            return led, StepStatus.MATCHED
+        return None, StepStatus.BROKEN
+
+    def _led(
+        self,
+        points: FloatArray,
+        T_last: SE2,
+        T_predicted: SE2,
+        odometry: FloatArray,
+        is_coasting: bool,
+    ) -> SurfaceMatch:
+        """The match of a scan where the wheels lead."""
+        config = self.config
         match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
         if is_coasting:  # it may as well have stopped, or turned no more
             stood = self._surfaces.match(points, T_last, T_predicted, odometry)
@@ -206,20 +237,56 @@ class FrontEnd:
                 match = held
         if self._is_open(match):
             match = closed_match(self._surfaces, points, T_predicted, odometry, match, config)
-        least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
-        good = config.guess_inlier_ratio if self._is_guess() else config.good_inlier_ratio
-        if match.inlier_ratio >= max(good, least):
-            return match, StepStatus.MATCHED
-        status = StepStatus.MATCHED
-        best = self._around(points, T_last, T_predicted, odometry)
-        innovation = (T_predicted.inverse() @ best.T_map_base).log()
-        # the next door of a corridor fits a little better than new places do where the wheels lead
-        against = innovation @ odometry @ innovation > config.trust
-        if best.cost < match.cost - (config.better_against if against else config.better):
-            match, status = best, StepStatus.SEARCHED
-        if match.inlier_ratio < least or match.seen_ratio < config.least_seen_ratio:
-            return None, StepStatus.BROKEN
-        return match, status
+        return match
+
+    def _is_borne_out(
+        self, match: SurfaceMatch, T_predicted: SE2, points: FloatArray, beams: Beams
+    ) -> bool:
+        """Whether a scan that fits badly, or after a long way, was taken where the wheels lead all the
+        same: they are sure of it, and of what the last keyframes and the scan have in view, hardly
+        anything is denied by the other."""
+        config = self.config
+        innovation = (T_predicted.inverse() @ match.T_map_base).log()
+        noise = self.wheel_scale.noise * np.diag(self._P)
+        if (
+            noise[0] + noise[1] > config.sure[0] ** 2
+            or noise[2] > config.sure[1] ** 2
+            or innovation @ inverse_of(self._P) @ innovation > config.trust
+            or match.seen_ratio < config.least_seen_ratio
+        ):
+            return False
+        seen, denied = self._denied(match.T_map_base, points, beams)
+        return seen >= config.least_begun and denied <= config.most_denied * seen
+
+    def _better_against(
+        self, match: SurfaceMatch, led: SurfaceMatch, points: FloatArray, beams: Beams
+    ) -> float:
+        """Cost by which a match must be better that the wheels contradict: the next door of a corridor
+        fits better than new places do where they lead. None is that the last keyframes deny more than
+        where the wheels lead; where they deny that, odometry has jumped or lags."""
+        config = self.config
+        (seen, denied), (seen_led, denied_led) = (
+            self._denied(one.T_map_base, points, beams) for one in (match, led)
+        )
+        more = denied / max(seen, 1) - denied_led / max(seen_led, 1)
+        if more > config.denied_more[0]:
+            return math.inf
+        return config.better if more < -config.denied_more[1] else config.better_against
+
+    def _denied(self, T_map_base: SE2, points: FloatArray, beams: Beams) -> tuple[int, int]:
+        """Of what a scan at a pose and the last keyframes have in view of one another: how many points,
+        and how many of them the other's beams went through."""
+        config = self.config
+        ends = np.ascontiguousarray(points[:, :2])
+        scan = Keyframe(0.0, T_map_base, SE2.identity(), self._P, ends, beams, is_break=False)
+        seen = denied = 0
+        for keyframe in reversed(self.keyframes[-config.witnesses :]):
+            there = keyframe.T_map_base.inverse() @ T_map_base
+            counts = passed(scan, keyframe, there, config.margins, config.aside_m)
+            seen, denied = seen + counts[0], denied + counts[1]
+            if keyframe.is_break:
+                break
+        return seen, denied
 
     def _is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""

@@ -64,7 +64,7 @@ class Mapper:
         self._start = self.T_map_base = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
-        self._monitor = DriveMonitor(self.config.front_end.most_blind_m)
+        self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
     @classmethod
     def continued(

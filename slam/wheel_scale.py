@@ -88,6 +88,12 @@ class WheelScale:
         """Standard deviation of the scale."""
         return math.sqrt(self.variance)
 
+    @property
+    def noise(self) -> float:
+        """Variance of the wheels as scans show it, as a multiple of what they were told to have; 1 at
+        least."""
+        return self._noise
+
     def scaled(self, motion: SE2) -> SE2:
         """A motion of the wheels, as far as it went by what is known."""
         return SE2(self.scale * motion.x, self.scale * motion.y, motion.theta)
