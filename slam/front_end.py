@@ -23,6 +23,7 @@ from slam.open_matches import LITTLE, closed_match
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
+from slam.strays import ToldStep
 from slam.surface_map import SurfaceMap, SurfaceMatch, faced, moved
 from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale
@@ -50,12 +51,14 @@ class FrontEnd:
         self.glances: list[Glances] = []
         self.wheel_scale = WheelScale(self.config.wheel_scale)
         self.scaled_steps: list[ScaledStep] = []
+        self.told_steps: list[ToldStep] = []
         self.carried, self._scans = Carried(), 0
         self.T_map_base = SE2.identity()
         self._surfaces = SurfaceMap(self.config.surfaces)
         self._window: deque[FloatArray] = deque()
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
+        self._told = ToldStep.none()
         self._laser = FrozenLaser()
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
         self._pauses = Pauses(self.config.pauses)
@@ -70,6 +73,7 @@ class FrontEnd:
         T_predicted = T_last @ self.wheel_scale.scaled(motion)
         spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
         self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
+        self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
         self._blind_m += self._way_m(measurement)
         is_coasting = motion is not measurement.motion
         match, status = self._placed(measurement, points, beams, T_last, T_predicted, is_coasting)
@@ -356,7 +360,8 @@ class FrontEnd:
         )
         self.glances.append(Glances())
         self.scaled_steps.append(self.wheel_scale.begin_step())
-        self._P = np.zeros((3, 3))
+        self.told_steps.append(self._told)
+        self._P, self._told = np.zeros((3, 3)), ToldStep.none()
         if is_break:
             while self._window:
                 self._surfaces.remove(self._window.popleft())

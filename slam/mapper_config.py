@@ -10,6 +10,7 @@ from slam.loop_closing import LoopConfig
 from slam.map_consistency import ConsistencyConfig
 from slam.session_joining import JoiningConfig
 from slam.slam_map import STEP_SIGMA
+from slam.strays import StrayConfig
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,7 @@ class MapperConfig:
     adjustment: AdjustmentConfig = field(default_factory=AdjustmentConfig)
     consistency: ConsistencyConfig = field(default_factory=ConsistencyConfig)
     joining: JoiningConfig = field(default_factory=JoiningConfig)
+    strays: StrayConfig = field(default_factory=StrayConfig)
     start_m: float = 0.1
     drift_m: float = 0.01
     start_rad: float = 0.02

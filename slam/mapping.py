@@ -24,6 +24,7 @@ from slam.rescaling import chained, rescaled
 from slam.se2 import SE2, wrap_angle
 from slam.session_joining import SessionJoiner, set_aside
 from slam.slam_map import SlamMap, graph_of, points_seen
+from slam.strays import without_strays
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
@@ -130,6 +131,7 @@ class Mapper:
         """
         self._look_for_join(is_end=True)
         self._rescale()
+        self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps)
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
@@ -146,6 +148,22 @@ class Mapper:
         if not graph.loops:
             poses = chained(keyframes, poses, self._first)
         graph.renew(keyframes, graph.loops, poses)
+
+    def _put_strays_back(self) -> None:
+        """Looks back at keyframes of the session that lie aside of the way."""
+        graph, scaled = self._graph, self._front_end.scaled_steps
+        if graph.loops:
+            graph.solve()
+        keyframes, loops, poses, strays = without_strays(
+            graph.keyframes, graph.loops, graph.poses, self._front_end.told_steps, self.config.strays,
+            self.config.front_end.surfaces,
+        )  # fmt: skip
+        for k in strays:  # these steps are the scans' alone, whatever the wheels' scale
+            for at in (k, k + 1):
+                step = scaled[at - self._first]
+                scaled[at - self._first] = replace(step, slope=np.zeros(3))
+        if strays:
+            graph.renew(keyframes, loops, poses)
 
     def _held_together(self) -> SlamMap:
         """The map with all loops, and with laxer ones if those make it hold together better."""

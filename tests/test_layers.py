@@ -112,6 +112,7 @@ RANKS = (
         "open_matches",
         "contradictions",
         "witnesses",
+        "strays",
         "driven_through",
         "icp_mapping",
         "loop_closing",

@@ -1,0 +1,186 @@
+"""Keyframes that lie aside of the way between those before and after them, and fit on it as well.
+
+Somebody who stood in view once more draws a scan along a wall: beside him, half a metre off, it fits
+better than where it was taken. The next scan shows it, but the front end does not look back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.keyframes import Keyframe
+from slam.loop_closing import Loop
+from slam.se2 import SE2
+from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
+from slam.witnesses import Witnesses
+
+_GUESS_M = 0.3
+"""Standard deviation of a step, beyond which nobody measured it. Chosen."""
+_LITTLE = 1e-6
+"""[m2], [rad2]: wheels that tell of no way at all may be off by a millimetre."""
+
+
+@dataclass(frozen=True)
+class StrayConfig:
+    """Which keyframes are looked at once more, and what is believed then.
+
+    least_m: off the way; nearer ones are as good as they are. runs: so many keyframes in a row may have
+    strayed together, tried in this order. half: keyframes to either side whose surfaces are looked
+    at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a scan that fits
+    as well, and agrees better with the wheels if there are any, lies on the way. least_facing: of what it sees there, see `FrontEndConfig`: of a scan that
+    leaves its place open, wheels know better. margins, aside_m: see `Witnesses`. Chosen, all of these.
+    """
+
+    least_m: float = 0.2
+    runs: tuple[int, ...] = (1, 2, 1)
+    half: int = 8
+    reach_m: float = 0.4
+    reach_rad: float = 0.3
+    nearer: float = 0.5
+    least_facing: float = 0.003
+    margins: tuple[float, float] = (0.25, 0.03)
+    aside_m: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ToldStep:
+    """How far the wheels went since the last keyframe, and the covariance (3, 3) of that."""
+
+    motion: SE2
+    covariance: FloatArray
+
+    @staticmethod
+    def none() -> ToldStep:
+        """At a keyframe."""
+        return ToldStep(SE2.identity(), np.zeros((3, 3)))
+
+    def then(self, motion: SE2, covariance: FloatArray) -> ToldStep:
+        """And a motion more, of a covariance (3, 3); what turns do to the sum is left out."""
+        return ToldStep(self.motion @ motion, self.covariance + covariance)
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether nobody measured it."""
+        return bool(self.covariance[0, 0] > _GUESS_M**2)
+
+    def squared(self, T_before: SE2, T_after: SE2) -> float:
+        """Normalised error squared of a step that led from one pose to another."""
+        off = ((T_before @ self.motion).inverse() @ T_after).log()
+        return float(off @ np.linalg.inv(self.covariance + _LITTLE * np.eye(3)) @ off)
+
+
+def without_strays(
+    keyframes: Sequence[Keyframe],
+    loops: Sequence[Loop],
+    poses: FloatArray,
+    told: Sequence[ToldStep],
+    config: StrayConfig | None = None,
+    surfaces: SurfaceMapConfig | None = None,
+) -> tuple[list[Keyframe], list[Loop], FloatArray, list[int]]:
+    """Keyframes at poses (K, 3) [m, rad], those of them that had strayed put back on the way.
+
+    told: of the last keyframes, what the wheels say of the way to each; those before stay. Also the
+    loops, without those to a keyframe that was not where it was thought to be; the poses; and which
+    keyframes were put back.
+    """
+    config, moved_poses = config or StrayConfig(), poses.copy()
+    search = _Search(keyframes, told, config, SurfaceMap(surfaces))
+    found, strays = list(keyframes), set[int]()
+    for run in config.runs:
+        for k in range(len(keyframes) - len(told) + 1, len(keyframes) - run):
+            match = search.on_the_way(moved_poses, k, run)
+            if match is not None:
+                moved_poses[k] = match.T_map_base.as_array()
+                strays.add(k)
+                for at in (k, k + 1):
+                    start, end = (SE2.from_array(pose) for pose in moved_poses[at - 1 : at + 1])
+                    found[at] = replace(
+                        found[at], T_before=start.inverse() @ end, covariance=match.covariance
+                    )
+    kept = [loop for loop in loops if loop.earlier not in strays and loop.later not in strays]
+    return found, kept, moved_poses, sorted(strays)
+
+
+class _Search:
+    """Looks for keyframes on the way between their neighbours."""
+
+    def __init__(
+        self,
+        keyframes: Sequence[Keyframe],
+        told: Sequence[ToldStep],
+        config: StrayConfig,
+        surfaces: SurfaceMap,
+    ) -> None:
+        self._keyframes, self._config, self._surfaces = keyframes, config, surfaces
+        self._told, self._first = told, len(keyframes) - len(told)
+
+    def on_the_way(self, poses: FloatArray, k: int, run: int) -> SurfaceMatch | None:
+        """Where a keyframe, the first of a run that may have strayed, fits on the way; None where it
+        is near that, or belongs where it is."""
+        keyframes, config = self._keyframes, self._config
+        before, after = k - 1, k + run
+        # those that come back to the way may fit nothing that the strays saw
+        if any(one.is_break for one in keyframes[k:after]) or keyframes[k].is_place_alone:
+            return None
+        T_now, T_way = SE2.from_array(poses[k]), self._way(poses, k, before, after)
+        off_m = _apart_m(T_way, T_now)
+        if off_m < config.least_m:
+            return None
+        points, nothing = keyframes[k].faced, np.zeros((3, 3))
+        self._learn(poses, before, after)
+        starts = [T_way, *self._surfaces.searched(points, T_way, config.reach_m, config.reach_rad)]
+        stays = self._surfaces.match(points, T_now, T_now, nothing)
+        matches = [stays, *(self._surfaces.match(points, one, one, nothing) for one in starts)]
+        self._surfaces.clear()
+        best = min(
+            (one for one in matches if _apart_m(T_way, one.T_map_base) < config.nearer * off_m),
+            key=lambda one: one.cost,
+            default=None,
+        )
+        if best is None or best.cost > stays.cost or best.least_facing < config.least_facing:
+            return None
+        is_told = run > 1 or self._squared(poses, k, best.T_map_base) < self._squared(
+            poses, k, T_now
+        )
+        return best if is_told else None
+
+    def _squared(self, poses: FloatArray, k: int, T_map_base: SE2) -> float:
+        """Normalised error squared of the wheels, to a keyframe at a pose and on from it."""
+        T_before, T_after = SE2.from_array(poses[k - 1]), SE2.from_array(poses[k + 1])
+        to, on = self._told[k - self._first], self._told[k + 1 - self._first]
+        return to.squared(T_before, T_map_base) + on.squared(T_map_base, T_after)
+
+    def _way(self, poses: FloatArray, k: int, before: int, after: int) -> SE2:
+        """Where a keyframe would be by the wheels, or on an even way between two others."""
+        T_start, told = SE2.from_array(poses[before]), self._told[k - self._first]
+        if not told.is_guess:
+            return T_start @ told.motion
+        start_s, end_s = self._keyframes[before].time_s, self._keyframes[after].time_s
+        share = 1.0 / (after - before)
+        if end_s > start_s:
+            share = min(max((self._keyframes[k].time_s - start_s) / (end_s - start_s), 0.0), 1.0)
+        way = (T_start.inverse() @ SE2.from_array(poses[after])).log()
+        return T_start @ SE2.exp(share * way)
+
+    def _learn(self, poses: FloatArray, before: int, after: int) -> None:
+        """The surfaces that those to either side saw, as far as they stand."""
+        config, keyframes = self._config, self._keyframes
+        first, last = max(before - config.half + 1, 0), min(after + config.half, len(keyframes))
+        first = max((k for k in range(first, after) if keyframes[k].is_break), default=first)
+        last = min((k for k in range(after + 1, last) if keyframes[k].is_break), default=last)
+        witnesses = Witnesses(
+            keyframes[first:last], poses[first:last], config.margins, config.aside_m
+        )
+        for k in (*range(first, before + 1), *range(after, last)):
+            standing = keyframes[k].faced[witnesses.stands(k - first)]
+            pose = SE2.from_array(poses[k])
+            self._surfaces.add(moved(pose, self._surfaces.thinned(standing)))
+
+
+def _apart_m(one: SE2, other: SE2) -> float:
+    return math.hypot(other.x - one.x, other.y - one.y)

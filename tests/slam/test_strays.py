@@ -1,0 +1,95 @@
+"""Keyframes off the way are put back where they fit as well; those that belong there stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.keyframes import Keyframe
+from slam.mapping import Mapper
+from slam.se2 import SE2
+from slam.slam_map import SlamMap
+from slam.strays import ToldStep, without_strays
+from tests.slam import ring
+
+AT, BESIDE = 40, SE2(-0.6, 0.0, 0.0)
+SURE, GUESS = np.diag([0.02**2, 0.02**2, 0.02**2]), np.eye(3)
+
+
+@pytest.fixture(scope="module")
+def slam_map() -> SlamMap:
+    """Half of the ring, by wheels as good as told."""
+    mapper = Mapper(ring.T_BASE_LASER)
+    rng = np.random.default_rng(0)
+    for measurement in ring.drive(ring.way(0.5), rng, turn_scale=1.0, way_scale=1.0):
+        mapper.update(measurement)
+    return mapper.finish()
+
+
+def told_by(keyframes: tuple[Keyframe, ...], covariance: np.ndarray) -> list[ToldStep]:
+    return [ToldStep(one.T_before, covariance) for one in keyframes]
+
+
+def pushed(slam_map: SlamMap, *strays: int) -> np.ndarray:
+    poses = slam_map.poses.copy()
+    for k in strays:
+        poses[k] = (SE2.from_array(poses[k]) @ BESIDE).as_array()
+    return poses
+
+
+def off_m(poses: np.ndarray, slam_map: SlamMap) -> float:
+    return float(np.hypot(*(poses - slam_map.poses)[:, :2].T).max())
+
+
+@pytest.mark.parametrize("covariance", [SURE, GUESS], ids=["wheels", "scans alone"])
+@pytest.mark.parametrize("strays", [(AT,), (AT, AT + 1)])
+def test_keyframe_that_strayed_is_put_back_on_the_way(slam_map, strays, covariance):
+    told = told_by(slam_map.keyframes, covariance)
+    poses = pushed(slam_map, *strays)
+    keyframes, _, found, put_back = without_strays(slam_map.keyframes, [], poses, told)
+    assert set(put_back) == set(strays)
+    assert off_m(found, slam_map) < 0.05
+    # the steps to it and on from it are measured anew
+    for k in (strays[0], strays[-1] + 1):
+        T_before = SE2.from_array(found[k - 1]).inverse() @ SE2.from_array(found[k])
+        assert keyframes[k].T_before.is_near(T_before, 1e-9, 1e-9)
+
+
+def test_scans_that_come_back_to_the_way_may_have_broken_off(slam_map):
+    torn = list(slam_map.keyframes)
+    torn[AT + 1] = replace(torn[AT + 1], is_break=True)
+    told = told_by(slam_map.keyframes, SURE)
+    _, _, found, put_back = without_strays(torn, [], pushed(slam_map, AT), told)
+    assert put_back == [AT]
+    assert off_m(found, slam_map) < 0.05
+    # of one that begins a piece, nobody knows where it should be
+    torn[AT] = replace(torn[AT], is_break=True)
+    assert without_strays(torn, [], pushed(slam_map, AT), told)[3] == []
+
+
+def test_map_without_strays_stays_as_it_is(slam_map):
+    told = told_by(slam_map.keyframes, SURE)
+    keyframes, loops, poses, put_back = without_strays(
+        slam_map.keyframes, slam_map.loops, slam_map.poses, told
+    )
+    assert put_back == []
+    assert keyframes == list(slam_map.keyframes)
+    assert loops == list(slam_map.loops)
+    assert np.array_equal(poses, slam_map.poses)
+
+
+def test_keyframes_of_sessions_before_stay(slam_map):
+    told = told_by(slam_map.keyframes, SURE)[AT + 10 :]
+    assert without_strays(slam_map.keyframes, [], pushed(slam_map, AT), told)[3] == []
+
+
+def test_wheels_that_agree_with_a_keyframe_keep_it_where_it_is(slam_map):
+    # a robot that went back and forth, if its wheels say so
+    poses = pushed(slam_map, AT)
+    told = [
+        ToldStep(SE2.from_array(poses[max(k - 1, 0)]).inverse() @ SE2.from_array(poses[k]), SURE)
+        for k in range(len(poses))
+    ]
+    assert without_strays(slam_map.keyframes, [], poses, told)[3] == []
