@@ -41,7 +41,7 @@ class LoopConfig:
     half: int = 8
     search_m: float = 0.6
     search_rad: float = math.radians(12.0)
-    max_search_m: float = 4.0
+    max_search_m: float = 6.0
     least_seen_ratio: float = 0.6
     least_inlier_ratio: float = 0.85
     most_passed: float = 0.06
@@ -76,16 +76,22 @@ class LoopCloser:
         keyframes: Sequence[Keyframe],
         poses: FloatArray,
         asked: Sequence[int],
-        sigma: tuple[float, float] = (0.0, 0.0),
+        sigma: tuple[float | FloatArray, float | FloatArray] = (0.0, 0.0),
         others: range | None = None,
     ) -> list[Loop]:
         """The verified loops among keyframes at poses (K, 3).
 
         asked: which are compared with those before them, of others; None: all. sigma: how uncertain
-        their poses are as seen from the others [m], [rad].
+        their poses are as seen from the others [m], [rad]; or (K,) of each of these.
         """
-        pairs = self.proposed(keyframes, poses, asked, sigma[0], others)
-        loops = [self.verified(keyframes, poses, *pair, sigma) for pair in pairs]
+        sigma_m, sigma_rad = (np.broadcast_to(one, len(keyframes)) for one in sigma)
+        pairs = self.proposed(keyframes, poses, asked, sigma_m, others)
+        loops = [
+            self.verified(
+                keyframes, poses, *pair, (float(sigma_m[pair[0]]), float(sigma_rad[pair[0]]))
+            )
+            for pair in pairs
+        ]
         return [loop for loop in loops if loop is not None]
 
     def proposed(
@@ -93,7 +99,7 @@ class LoopCloser:
         keyframes: Sequence[Keyframe],
         poses: FloatArray,
         asked: Sequence[int],
-        sigma_m: float,
+        sigma_m: FloatArray,
         others: range | None = None,
     ) -> list[tuple[int, int]]:
         """Pairs (earlier, later) of keyframes that may have seen the same place."""
@@ -104,14 +110,14 @@ class LoopCloser:
             start = bisect_left(keyframes, session, key=lambda keyframe: keyframe.session)
             ways_m[start - 1 : start] += config.least_way_m
         way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
-        radius_m = config.radius_m + min(2.0 * sigma_m, config.max_search_m)
+        radius_m = config.radius_m + np.minimum(2.0 * sigma_m, config.max_search_m)
         pairs = []
         for later in asked:
             if keyframes[later].is_place_alone:
                 continue
             off_m = np.hypot(*(poses[:later, :2] - poses[later, :2]).T)
             is_far_back = way_m[later] - way_m[:later] > config.least_way_m
-            is_asked = (off_m <= radius_m) & is_far_back
+            is_asked = (off_m <= radius_m[:later]) & is_far_back
             if others is not None:
                 is_asked[: others.start] = is_asked[others.stop :] = False
             near = np.flatnonzero(is_asked)

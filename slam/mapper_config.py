@@ -39,7 +39,7 @@ class MapperConfig:
     drift_m: float = 0.01
     start_rad: float = 0.02
     drift_rad: float = 0.002
-    most_drift: tuple[float, float] = (2.5, 0.35)
+    most_drift: tuple[float, float] = (3.5, 0.35)
     solve_every: int = 25
     online_iterations: int = 1
     step_sigma: tuple[float, float, float] = STEP_SIGMA

@@ -26,8 +26,6 @@ from slam.session_joining import SessionJoiner, set_aside
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.strays import without_strays
 
-_TORN_M = 100.0
-"""Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
 _DOUBTED = np.eye(3)
@@ -60,7 +58,7 @@ class Mapper:
         self._closer = LoopCloser(self.config.loops, self.config.front_end.surfaces)
         self._graph = KeyframeGraph(self.config.step_sigma)
         self._steps: list[FrontEndStep] = []
-        self._has_new, self._since_loop_m = False, 0.0
+        self._has_new = False
         self._session = self._first = self._first_step = 0
         self._start = self.T_map_base = SE2.identity()
         self._joiner: SessionJoiner | None = None
@@ -233,9 +231,7 @@ class Mapper:
         # those of the sessions before were asked when these ended
         asked = [k for k in range(len(self._graph.keyframes)) if k % every == 0]
         asked = [k for k in asked if k >= self._first]
-        found = closer.found(
-            self._graph.keyframes, self._graph.poses, asked, others=self._comparable
-        )
+        found = [loop for k in asked for loop in self._found(closer, k)]
         self._graph.take([one for one in found if (one.earlier, one.later) not in known])
         return self._graph.sorted_loops()
 
@@ -262,22 +258,14 @@ class Mapper:
         config, index = self.config, len(self._graph)
         keyframe = self._of_session(keyframe, index)
         self._graph.add(keyframe)
-        if index > 0:
-            self._since_loop_m += math.hypot(keyframe.T_before.x, keyframe.T_before.y)
-        if keyframe.is_break:
-            self._since_loop_m += _TORN_M
-        if index == self._first:
-            self._since_loop_m = 0.0
         every = config.loops.every
         if index % every == 0 and (
             index % (every * config.crowd_every) == 0 or not self._is_crowded(index)
         ):
-            found = self._closer.found(
-                self._graph.keyframes, self._graph.poses, [index], self._drift(), self._comparable
-            )
+            found = self._found(self._closer, index)
             if found:
                 self._graph.take(found)
-                self._since_loop_m, self._has_new = 0.0, True
+                self._has_new = True
         if self._has_new and index % config.solve_every == 0:
             self._graph.solve(config.online_iterations)
             self._has_new = False
@@ -333,7 +321,8 @@ class Mapper:
             return
         self._graph.set_poses(join.moved(poses, self._first))
         self._graph.take(join.loops)
-        self._since_loop_m, self._has_new, self._is_joined = 0.0, True, True
+        self._graph.solve(self.config.online_iterations)  # from now on they tell how far things are
+        self._is_joined = True
         self._check_at = len(self._graph.keyframes) - 1 + self.config.joining.first_check
 
     def _holds(self, most_pairs: int | None = None) -> bool:
@@ -354,10 +343,13 @@ class Mapper:
         self._joiner.reject()
         self._is_joined, self._check_at = False, math.inf
 
-    def _drift(self) -> tuple[float, float]:
-        """How far the last pose may be off as seen from those before the last loop [m], [rad]."""
-        config, way_m = self.config, self._since_loop_m
-        return (
-            min(config.start_m + config.drift_m * way_m, config.most_drift[0]),
-            min(config.start_rad + config.drift_rad * way_m, config.most_drift[1]),
+    def _found(self, closer: LoopCloser, index: int) -> list[Loop]:
+        """The loops that a keyframe closes; looked for as far as it may have drifted on the way from
+        each of the others, by way of the loops that are known."""
+        config, graph = self.config, self._graph
+        ways_m, most_m = graph.ways_m(index), config.most_drift[0]
+        sigma_m = np.minimum(config.start_m + config.drift_m * ways_m, most_m)
+        sigma_rad = np.minimum(config.start_rad + config.drift_rad * ways_m, config.most_drift[1])
+        return closer.found(
+            graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._comparable
         )
