@@ -40,6 +40,18 @@ def drift_m(graph: PoseGraph, keyframes: IntArray) -> float:
     return math.sqrt(float(variances_m2.mean(axis=1).min()))
 
 
+def between_m(graph: PoseGraph, one: int, other: int) -> float:
+    """How sure a graph is of where one keyframe lies as seen from another: standard deviation [m] in
+    the direction in which it is least; inf where that has no bounds."""
+    if one == other:
+        return 0.0
+    try:
+        (covariance,) = graph.solve().relative_covariances(np.array([(one, other)]))
+    except ValueError:
+        return math.inf
+    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+
+
 def too_far_adrift(drift_m: float, poses: FloatArray) -> list[str]:
     """In words, that a map of keyframes at poses (K, 3) is held by too few loops to be right for
     sure; none where it is not."""

@@ -16,7 +16,7 @@ from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_consistency import acquitted, do_contradict, judged
-from slam.map_drift import too_far_adrift
+from slam.map_drift import between_m, too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.open_ways import unknown_ways
@@ -131,7 +131,10 @@ class Mapper:
         self._rescale()
         self._put_strays_back()
         slam_map = self._held_together()
-        said = self._monitor.objections(slam_map.steps)
+        first, graph = self._first, slam_map.graph
+        said = self._monitor.objections(
+            slam_map.steps, lambda one, other: between_m(graph, first + one, first + other)
+        )
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = too_far_adrift(slam_map.drift_m, slam_map.poses)

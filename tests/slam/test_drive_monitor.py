@@ -1,5 +1,7 @@
 """What a drive says against its map: wheels that stood still while the scans show a motion."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def objections_where(motions, step_s: float, covariance=None) -> list[str]:
         steps.append(FrontEndStep(time_s, 0, T, T, StepStatus.MATCHED, 0.9, True, is_open=is_open))
         measurement = Measurement(time_s, by_wheels, SCAN, covariance)
         monitor.take(measurement, T_before, steps[-1], measurement.motion_covariance[0, 0])
-    return monitor.objections(steps)
+    return monitor.objections(steps, lambda *_: math.inf)
 
 
 @pytest.mark.parametrize("by_scan", [SE2(0.0, 0.0, 0.07), SE2(0.0, 0.1, 0.0)])
@@ -90,3 +92,29 @@ def test_scans_that_see_the_way_just_before_and_after_leave_nothing_to_deny(
     # what was denied before is no less so
     motions = [(*UNTOLD, True), (*DROVE, True), *motions]
     assert objections_where(motions, step_s)
+
+
+@pytest.mark.parametrize(("sigma_m", "is_told"), [(0.3, True), (1.4, False)])
+def test_way_that_neither_scans_nor_wheels_tell_may_be_told_by_loops(sigma_m, is_told):
+    # a scan of keyframe 3 sees where the robot is, those of 4 to 9 leave it open, that of 10 sees again
+    monitor, asked = DriveMonitor(5.0), list[tuple[int, int]]()
+    steps = [
+        FrontEndStep(
+            float(k), k, SE2.identity(), SE2(0.3 * k, 0.0, 0.0), StepStatus.MATCHED, 0.9, True,
+            is_open=4 <= k < 10,
+        )
+        for k in range(14)
+    ]  # fmt: skip
+    for step in steps:
+        measurement = Measurement(step.time_s, SE2.identity(), SCAN, 9.0 * np.eye(3))
+        monitor.take(measurement, step.T_map_base, step, 9.0)
+
+    def between_m(one: int, other: int) -> float:
+        asked.append((one, other))
+        return sigma_m
+
+    said = monitor.objections(steps, between_m)
+    assert asked == [(3, 10)]
+    assert (said == []) is is_told
+    if not is_told:
+        assert said[0].startswith("from 3.00 to 9.00 s neither scans nor wheels tell how far")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam import map_drift
-from slam.map_drift import drift_m, too_far_adrift
+from slam.map_drift import between_m, drift_m, too_far_adrift
 from slam.mapping import Mapper
 from slam.pose_graph import EdgeKernel, PoseGraph
 from slam.se2 import SE2
@@ -46,6 +46,17 @@ def test_only_those_asked_for_count():
     graph = chain(101)
     assert drift_m(graph, np.arange(11)) == pytest.approx(drift_m(chain(11), np.arange(11)))
     assert drift_m(graph, np.arange(1)) == drift_m(PoseGraph(), np.arange(0)) == 0.0
+
+
+def test_between_two_keyframes_a_loop_tells_more_than_the_steps():
+    graph = chain(26)
+    assert between_m(graph, 0, 25) == pytest.approx(5.0 * SIGMA_M, rel=1e-3)
+    assert between_m(graph, 7, 7) == 0.0
+    graph.add_edge(0, 25, SE2(25.0, 0.0, 0.0), 1e8 * np.eye(3), EdgeKernel.LOOP)
+    assert between_m(graph, 0, 25) < 0.02 * SIGMA_M
+    node = graph.add_node(SE2(26.0, 0.0, 0.0))
+    graph.add_edge(25, node, SE2(1.0, 0.0, 0.0), np.diag([0.0, 1.0, 1.0]))
+    assert between_m(graph, 0, node) == math.inf
 
 
 def test_open_direction_has_no_bounds():
