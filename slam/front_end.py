@@ -10,8 +10,8 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.candidates import Candidates, Prediction
 from slam.carried import Carried
-from slam.contradictions import passed
 from slam.front_end_config import FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
@@ -19,7 +19,6 @@ from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.measurements import Measurement
-from slam.open_matches import LITTLE, closed_match
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
@@ -28,11 +27,8 @@ from slam.surface_map import SurfaceMap, SurfaceMatch, faced, moved
 from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale
 
-_WIDER = 1.5
-"""Of a search's reach: matches may slide off from where it looked; farther, they are of something
-else. Chosen."""
-_GUESS = 0.3, 0.3
-"""[m], [rad]: a prediction less sure than that leads to whatever looks like it. Chosen."""
+_GUESS_M = 0.3
+"""Standard deviation of a motion beyond which nothing measured it. Chosen."""
 _SPEEDS_UP_M, _SPEEDS_UP_MPS = 0.15, 0.3
 """Standard deviation of how much farther than from the last scan to this one a robot goes to the next,
 and of its speed: of 70 poses that a search found a quarter of a metre and more from where it would go on to, none was
@@ -55,6 +51,7 @@ class FrontEnd:
         self.carried, self._scans = Carried(), 0
         self.T_map_base = SE2.identity()
         self._surfaces = SurfaceMap(self.config.surfaces)
+        self._candidates = Candidates(self._surfaces, self.keyframes, self.config)
         self._window: deque[FloatArray] = deque()
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
@@ -195,129 +192,30 @@ class FrontEnd:
         most_m = config.blind_m if _is_told(measurement) else (config.guess_blind_m,) * 2
         if self._blind_m > most_m[1]:
             return None, StepStatus.BROKEN
-        odometry = inverse_of(self._P)
-        if is_coasting:
-            odometry = inverse_of(self._coasted(T_last, T_predicted))
-        led = match = self._led(points, T_last, T_predicted, odometry, is_coasting)
+        held = self._coasted(T_last, T_predicted) if is_coasting else self._P
+        told = Prediction(
+            T_last, T_predicted, self._P, inverse_of(held), self.wheel_scale.noise, is_coasting
+        )
+        led = match = self._candidates.led(points, told)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
-        good = config.guess_inlier_ratio if self._is_guess() else config.good_inlier_ratio
+        good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio
         status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
         if match.inlier_ratio < max(good, least):
-            best = self._around(points, T_last, T_predicted, odometry)
-            innovation = (T_predicted.inverse() @ best.T_map_base).log()
-            against = innovation @ odometry @ innovation > config.trust
-            better = self._better_against(best, led, points, beams) if against else config.better
-            if best.cost < match.cost - better:
+            best = self._candidates.around(points, told)
+            if self._candidates.is_better(best, led, told, points, beams):
                 match, status = best, StepStatus.SEARCHED
         fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
         if fits and not is_blind:
             return match, status
         doubtful = config.least_inlier_ratio if has_paused or is_blind else config.doubtful_ratio
-        if led.inlier_ratio >= doubtful and self._is_borne_out(led, T_predicted, points, beams):
+        is_borne_out = self._candidates.is_borne_out
+        if led.inlier_ratio >= doubtful and is_borne_out(led, told, points, beams):
             return led, StepStatus.MATCHED
         return None, StepStatus.BROKEN
-
-    def _led(
-        self,
-        points: FloatArray,
-        T_last: SE2,
-        T_predicted: SE2,
-        odometry: FloatArray,
-        is_coasting: bool,
-    ) -> SurfaceMatch:
-        """The match of a scan where the wheels lead."""
-        config = self.config
-        match = self._surfaces.match(points, T_predicted, T_predicted, odometry)
-        if is_coasting:  # it may as well have stopped, or turned no more
-            stood = self._surfaces.match(points, T_last, T_predicted, odometry)
-            match = stood if stood.cost < match.cost - config.better else match
-        innovation = (T_predicted.inverse() @ match.T_map_base).log()
-        if innovation @ odometry @ innovation > config.trust:
-            # walls seen for the first time may draw a scan along those known
-            held = self._surfaces.match(
-                points, T_predicted, T_predicted, odometry, pull=config.surfaces.share
-            )
-            if held.cost < match.cost + config.better:
-                match = held
-        if self._is_open(match):
-            match = closed_match(self._surfaces, points, T_predicted, odometry, match, config)
-        return match
-
-    def _is_borne_out(
-        self, match: SurfaceMatch, T_predicted: SE2, points: FloatArray, beams: Beams
-    ) -> bool:
-        """Whether a scan that fits badly, or after a long way, was taken where the wheels lead all the
-        same: they are sure of it, and of what the last keyframes and the scan have in view, hardly
-        anything is denied by the other."""
-        config = self.config
-        innovation = (T_predicted.inverse() @ match.T_map_base).log()
-        noise = self.wheel_scale.noise * np.diag(self._P)
-        if (
-            noise[0] + noise[1] > config.sure[0] ** 2
-            or noise[2] > config.sure[1] ** 2
-            or innovation @ inverse_of(self._P) @ innovation > config.trust
-            or match.seen_ratio < config.least_seen_ratio
-        ):
-            return False
-        seen, denied = self._denied(match.T_map_base, points, beams)
-        return seen >= config.least_begun and denied <= config.most_denied * seen
-
-    def _better_against(
-        self, match: SurfaceMatch, led: SurfaceMatch, points: FloatArray, beams: Beams
-    ) -> float:
-        """Cost by which a match must be better that the wheels contradict: the next door of a corridor
-        fits better than new places do where they lead. None is that the last keyframes deny more than
-        where the wheels lead; where they deny that, odometry has jumped or lags."""
-        config = self.config
-        (seen, denied), (seen_led, denied_led) = (
-            self._denied(one.T_map_base, points, beams) for one in (match, led)
-        )
-        more = denied / max(seen, 1) - denied_led / max(seen_led, 1)
-        if more > config.denied_more[0]:
-            return math.inf
-        return config.better if more < -config.denied_more[1] else config.better_against
-
-    def _denied(self, T_map_base: SE2, points: FloatArray, beams: Beams) -> tuple[int, int]:
-        """Of what a scan at a pose and the last keyframes have in view of one another: how many points,
-        and how many of them the other's beams went through."""
-        config = self.config
-        ends = np.ascontiguousarray(points[:, :2])
-        scan = Keyframe(0.0, T_map_base, SE2.identity(), self._P, ends, beams, is_break=False)
-        seen = denied = 0
-        for keyframe in reversed(self.keyframes[-config.witnesses :]):
-            there = keyframe.T_map_base.inverse() @ T_map_base
-            counts = passed(scan, keyframe, there, config.margins, config.aside_m)
-            seen, denied = seen + counts[0], denied + counts[1]
-            if keyframe.is_break:
-                break
-        return seen, denied
-
-    def _is_guess(self) -> bool:
-        """Whether next to nothing is known of the way since the last scan."""
-        most_m, most_rad = _GUESS
-        return bool(max(self._P[0, 0], self._P[1, 1]) > most_m**2 or self._P[2, 2] > most_rad**2)
 
     def _is_open(self, match: SurfaceMatch) -> bool:
         """Whether a scan itself leaves a direction open."""
         return match.least_facing < self.config.least_facing
-
-    def _around(
-        self, points: FloatArray, T_last: SE2, T_predicted: SE2, odometry: FloatArray
-    ) -> SurfaceMatch:
-        """The best match from where the robot was last and from all around where it may be."""
-        config = self.config
-        found = [self._surfaces.match(points, T_predicted, T_predicted, odometry, config.trust)]
-        starts = [T_last]
-        for middle in (T_last, T_predicted):
-            starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
-        # wheels that are that far off tell little of where along a wall the robot is
-        loose = LITTLE * odometry
-        for start in starts:
-            match = self._surfaces.match(points, start, T_predicted, loose)
-            reach = _WIDER * config.reach_m, _WIDER * config.reach_rad
-            if any(match.T_map_base.is_near(middle, *reach) for middle in (T_last, T_predicted)):
-                found.append(match)
-        return min(found, key=lambda match: match.cost)
 
     def _passed(self, T_map_base: SE2, beams: Beams) -> float:
         """Share of what the last keyframe but one shows in a scan's view that its beams went through."""
@@ -374,4 +272,4 @@ class FrontEnd:
 
 def _is_told(measurement: Measurement) -> bool:
     """Whether anything measured the way since the last scan."""
-    return bool(measurement.motion_covariance[0, 0] < _GUESS[0] ** 2)
+    return bool(measurement.motion_covariance[0, 0] < _GUESS_M**2)

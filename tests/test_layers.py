@@ -110,6 +110,7 @@ RANKS = (
         "front_end",
         "front_end_config",
         "open_matches",
+        "candidates",
         "contradictions",
         "witnesses",
         "strays",

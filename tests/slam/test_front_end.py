@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.candidates import Prediction
 from slam.front_end import FrontEnd
 from slam.keyframes import StepStatus
 from slam.measurements import Measurement
@@ -31,7 +32,7 @@ NEXT_DOOR = SE2(-1.2, 0.0, 0.0)
 def test_pose_that_the_wheels_contradict_must_fit_much_better(monkeypatch, sigma_m, gain, status):
     front_end, second = after_one_scan()
     two_poses(monkeypatch, front_end, gain)
-    monkeypatch.setattr(front_end, "_denied", lambda *_: (100, 0))
+    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
     covariance = np.diag([sigma_m**2, sigma_m**2, 0.05**2])
     step = front_end.update(replace(second, motion_covariance=covariance))
     assert step.status is status
@@ -59,7 +60,7 @@ def test_where_the_last_keyframes_deny_what_the_wheels_say_a_little_better_is_en
     def denied(T_map_base, points, beams):
         return 100, 22 if T_map_base.is_near(T_wheels, 0.1, 0.05) else 0
 
-    monkeypatch.setattr(front_end, "_denied", denied)
+    monkeypatch.setattr(front_end._candidates, "denied", denied)
     covariance = np.diag([0.05**2, 0.05**2, 0.05**2])
     step = front_end.update(replace(second, motion_covariance=covariance))
     assert step.status is StepStatus.SEARCHED
@@ -88,9 +89,11 @@ def test_scan_that_fits_badly_is_where_wheels_lead_if_they_are_sure_and_nothing_
         return replace(match(*args, **kwargs), inlier_ratio=inlier_ratio)
 
     monkeypatch.setattr(front_end._surfaces, "match", badly)
-    monkeypatch.setattr(
-        front_end, "_around", lambda points, _, T, odometry: badly(points, T, T, odometry)
-    )
+
+    def around(points, told):
+        return badly(points, told.T_map_base, told.T_map_base, told.odometry)
+
+    monkeypatch.setattr(front_end._candidates, "around", around)
     if is_elsewhere:
         pose = SE2(12.8, 3.0, math.pi / 2.0) @ ring.T_BASE_LASER
         scan = scan_of(ring.RING, pose, np.random.default_rng(3), 0.01, range_max_m=8.0)
@@ -131,12 +134,13 @@ def two_poses(monkeypatch, front_end: FrontEnd, gain: float) -> None:
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.4)
 
-    def around(points, T_last, T_predicted, odometry):
-        found = badly(points, T_predicted, T_predicted, odometry)
-        return replace(found, T_map_base=T_predicted @ NEXT_DOOR, inlier_ratio=0.9, cost=0.4 - gain)
+    def around(points, told):
+        found = badly(points, told.T_map_base, told.T_map_base, told.odometry)
+        T_there = told.T_map_base @ NEXT_DOOR
+        return replace(found, T_map_base=T_there, inlier_ratio=0.9, cost=0.4 - gain)
 
     monkeypatch.setattr(front_end._surfaces, "match", badly)
-    monkeypatch.setattr(front_end, "_around", around)
+    monkeypatch.setattr(front_end._candidates, "around", around)
 
 
 def test_scans_of_a_laser_that_somebody_stands_before_are_carried_and_break_nothing():
@@ -239,9 +243,9 @@ def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
 
     monkeypatch.setattr(front_end._surfaces, "match", wandering)
     monkeypatch.setattr(front_end._surfaces, "searched", lambda *_: [SE2.identity()] * 2)
-    found = front_end._around(
-        front_end._seen(front_end._beams(second)), *[SE2.identity()] * 2, np.eye(3)
-    )
+    here = SE2.identity()
+    told = Prediction(here, here, np.eye(3), np.eye(3), noise=1.0, is_coasting=False)
+    found = front_end._candidates.around(front_end._seen(front_end._beams(second)), told)
     assert found.T_map_base.x == pytest.approx(1.0)
 
 

@@ -1,0 +1,157 @@
+"""Where a scan may lie: where the wheels lead, or around there; and what the last keyframes deny of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.contradictions import passed
+from slam.front_end_config import FrontEndConfig
+from slam.kernels.normal_equations import inverse_of
+from slam.keyframes import Keyframe
+from slam.open_matches import LITTLE, closed_match
+from slam.se2 import SE2
+from slam.surface_map import SurfaceMap, SurfaceMatch
+
+_WIDER = 1.5
+"""Of a search's reach: matches may slide off from where it looked; farther, they are of something
+else. Chosen."""
+_GUESS = 0.3, 0.3
+"""[m], [rad]: a prediction less sure than that leads to whatever looks like it. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """Where the wheels lead from the last scan's pose, and the covariance (3, 3) of that; noise: of the
+    wheels, as `WheelScale.noise`. odometry: (3, 3) information by which matches are held there; other than
+    the inverse of the covariance if is_coasting: nobody measured it, and the robot goes on as it did."""
+
+    T_last: SE2
+    T_map_base: SE2
+    covariance: FloatArray
+    odometry: FloatArray
+    noise: float
+    is_coasting: bool
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether next to nothing is known of the way since the last scan."""
+        P, (most_m, most_rad) = self.covariance, _GUESS
+        return bool(max(P[0, 0], P[1, 1]) > most_m**2 or P[2, 2] > most_rad**2)
+
+    def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
+        """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""
+        innovation = (self.T_map_base.inverse() @ match.T_map_base).log()
+        information = self.odometry if information is None else information
+        return float(innovation @ information @ innovation)
+
+
+class Candidates:
+    """Matches of a scan with the surfaces that the last keyframes saw."""
+
+    def __init__(
+        self, surfaces: SurfaceMap, keyframes: Sequence[Keyframe], config: FrontEndConfig
+    ) -> None:
+        self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
+
+    def led(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
+        """The match of faced points (N, 3) where the wheels lead."""
+        config, T_predicted = self._config, told.T_map_base
+        match = self._surfaces.match(points, T_predicted, T_predicted, told.odometry)
+        if told.is_coasting:  # it may as well have stopped, or turned no more
+            stood = self._surfaces.match(points, told.T_last, T_predicted, told.odometry)
+            match = stood if stood.cost < match.cost - config.better else match
+        if told.squared(match) > config.trust:
+            # walls seen for the first time may draw a scan along those known
+            held = self._surfaces.match(
+                points, T_predicted, T_predicted, told.odometry, pull=config.surfaces.share
+            )
+            if held.cost < match.cost + config.better:
+                match = held
+        if match.least_facing < config.least_facing:
+            match = closed_match(self._surfaces, points, T_predicted, told.odometry, match, config)
+        return match
+
+    def around(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
+        """The best match from where the robot was last and from all around where it may be."""
+        config, T_last, T_predicted = self._config, told.T_last, told.T_map_base
+        found = [
+            self._surfaces.match(points, T_predicted, T_predicted, told.odometry, config.trust)
+        ]
+        starts = [T_last]
+        for middle in (T_last, T_predicted):
+            starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
+        # wheels that are that far off tell little of where along a wall the robot is
+        loose = LITTLE * told.odometry
+        for start in starts:
+            match = self._surfaces.match(points, start, T_predicted, loose)
+            reach = _WIDER * config.reach_m, _WIDER * config.reach_rad
+            if any(match.T_map_base.is_near(middle, *reach) for middle in (T_last, T_predicted)):
+                found.append(match)
+        return min(found, key=lambda match: match.cost)
+
+    def is_better(
+        self,
+        match: SurfaceMatch,
+        led: SurfaceMatch,
+        told: Prediction,
+        points: FloatArray,
+        beams: Beams,
+    ) -> bool:
+        """Whether a match is to be believed rather than the one where the wheels lead."""
+        config, better = self._config, self._config.better
+        if told.squared(match) > config.trust:
+            better = self._better_against(match, led, points, beams)
+        return match.cost < led.cost - better
+
+    def is_borne_out(
+        self, match: SurfaceMatch, told: Prediction, points: FloatArray, beams: Beams
+    ) -> bool:
+        """Whether a scan that fits badly, or after a long way, was taken where the wheels lead all the
+        same: they are sure of it, and of what the last keyframes and the scan have in view, hardly
+        anything is denied by the other."""
+        config, variances = self._config, told.noise * np.diag(told.covariance)
+        if (
+            variances[0] + variances[1] > config.sure[0] ** 2
+            or variances[2] > config.sure[1] ** 2
+            or told.squared(match, inverse_of(told.covariance)) > config.trust
+            or match.seen_ratio < config.least_seen_ratio
+        ):
+            return False
+        seen, denied = self.denied(match.T_map_base, points, beams)
+        return seen >= config.least_begun and denied <= config.most_denied * seen
+
+    def denied(self, T_map_base: SE2, points: FloatArray, beams: Beams) -> tuple[int, int]:
+        """Of what a scan at a pose and the last keyframes have in view of one another: how many points,
+        and how many of them the other's beams went through."""
+        config, nothing = self._config, np.zeros((3, 3))
+        ends = np.ascontiguousarray(points[:, :2])
+        scan = Keyframe(0.0, T_map_base, SE2.identity(), nothing, ends, beams, is_break=False)
+        seen = denied = 0
+        for keyframe in reversed(self._keyframes[-config.witnesses :]):
+            there = keyframe.T_map_base.inverse() @ T_map_base
+            counts = passed(scan, keyframe, there, config.margins, config.aside_m)
+            seen, denied = seen + counts[0], denied + counts[1]
+            if keyframe.is_break:
+                break
+        return seen, denied
+
+    def _better_against(
+        self, match: SurfaceMatch, led: SurfaceMatch, points: FloatArray, beams: Beams
+    ) -> float:
+        """Cost by which a match must be better that the wheels contradict: the next door of a corridor
+        fits better than new places do where they lead. None is that the last keyframes deny more than
+        where the wheels lead; where they deny that, odometry has jumped or lags."""
+        config = self._config
+        (seen, denied), (seen_led, denied_led) = (
+            self.denied(one.T_map_base, points, beams) for one in (match, led)
+        )
+        more = denied / max(seen, 1) - denied_led / max(seen_led, 1)
+        if more > config.denied_more[0]:
+            return math.inf
+        return config.better if more < -config.denied_more[1] else config.better_against
