@@ -1,4 +1,4 @@
-"""Where a scan may lie: where the wheels lead, or around there; and what the last keyframes deny of it."""
+"""Where a scan may lie: where the wheels lead, or around; and what the last keyframes deny of it."""
 
 from __future__ import annotations
 
@@ -27,9 +27,12 @@ _GUESS = 0.3, 0.3
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Where the wheels lead from the last scan's pose, and the covariance (3, 3) of that; noise: of the
-    wheels, as `WheelScale.noise`. odometry: (3, 3) information by which matches are held there; other than
-    the inverse of the covariance if is_coasting: nobody measured it, and the robot goes on as it did."""
+    """Where the wheels lead from the last scan's pose, and the covariance (3, 3) of that.
+
+    odometry: (3, 3) information by which matches are held there; not the inverse of the covariance
+    if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
+    see `WheelScale`.
+    """
 
     T_last: SE2
     T_map_base: SE2
@@ -117,19 +120,19 @@ class Candidates:
         anything is denied by the other."""
         config, variances = self._config, told.noise * np.diag(told.covariance)
         if (
-            variances[0] + variances[1] > config.sure[0] ** 2
-            or variances[2] > config.sure[1] ** 2
+            variances[0] + variances[1] > config.denial.sure[0] ** 2
+            or variances[2] > config.denial.sure[1] ** 2
             or told.squared(match, inverse_of(told.covariance)) > config.trust
             or match.seen_ratio < config.least_seen_ratio
         ):
             return False
         seen, denied = self.denied(match.T_map_base, points, beams)
-        return seen >= config.least_begun and denied <= config.most_denied * seen
+        return seen >= config.least_begun and denied <= config.denial.most * seen
 
     def denied(self, T_map_base: SE2, points: FloatArray, beams: Beams) -> tuple[int, int]:
         """Of what a scan at a pose and the last keyframes have in view of one another: how many points,
         and how many of them the other's beams went through."""
-        config, nothing = self._config, np.zeros((3, 3))
+        config, nothing = self._config.denial, np.zeros((3, 3))
         ends = np.ascontiguousarray(points[:, :2])
         scan = Keyframe(0.0, T_map_base, SE2.identity(), nothing, ends, beams, is_break=False)
         seen = denied = 0
@@ -152,6 +155,6 @@ class Candidates:
             self.denied(one.T_map_base, points, beams) for one in (match, led)
         )
         more = denied / max(seen, 1) - denied_led / max(seen_led, 1)
-        if more > config.denied_more[0]:
+        if more > config.denial.more[0]:
             return math.inf
-        return config.better if more < -config.denied_more[1] else config.better_against
+        return config.better if more < -config.denial.more[1] else config.better_against

@@ -207,7 +207,9 @@ class FrontEnd:
         fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
         if fits and not is_blind:
             return match, status
-        doubtful = config.least_inlier_ratio if has_paused or is_blind else config.doubtful_ratio
+        doubtful = (
+            config.least_inlier_ratio if has_paused or is_blind else config.denial.doubtful_ratio
+        )
         is_borne_out = self._candidates.is_borne_out
         if led.inlier_ratio >= doubtful and is_borne_out(led, told, points, beams):
             return led, StepStatus.MATCHED
@@ -225,7 +227,7 @@ class FrontEnd:
         T_base_before = T_map_base.inverse() @ before.T_map_base
         seen, through = contradictions(
             before.points[::_LOOKED_THROUGH], T_base_before.as_array(), beams.middle_m,
-            beams.angles_rad, beams.ranges_m, *self.config.margins, 0.0,
+            beams.angles_rad, beams.ranges_m, *self.config.denial.margins, 0.0,
         )  # fmt: skip
         enough = _LOOKED_THROUGH * seen >= self.config.min_points
         return through / seen if enough else 0.0

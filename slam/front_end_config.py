@@ -12,6 +12,29 @@ from slam.wheel_scale import WheelScaleConfig
 
 
 @dataclass(frozen=True)
+class DenialConfig:
+    """What the last keyframes deny of a scan, and it of them.
+
+    witnesses: so many of them. margins, in metres and as a share, and aside_m: by which beams end
+    beyond what they went through, as in `contradictions`. most: share of what they have in view of one
+    another that was looked through, of a scan that is borne out: then it lies where wheels lead that are
+    sure (m, rad), though it fits worse than usual, but for doubtful_ratio, or they led far. Of 2256
+    scans of aces with a third of them lost 99 % have 0.11 or less, of 1047 taken elsewhere 0.07 or more.
+    more: share by which a pose that the wheels contradict may be denied more than where they lead, of
+    14 that were metres off 0.03 to 0.26; and by which less, for a little better to be enough. Chosen,
+    all of these.
+    """
+
+    witnesses: int = 3
+    margins: tuple[float, float] = (0.15, 0.02)
+    aside_m: float = 0.1
+    most: float = 0.05
+    more: tuple[float, float] = (0.02, 0.1)
+    sure: tuple[float, float] = (0.6, 0.2)
+    doubtful_ratio: float = 0.4
+
+
+@dataclass(frozen=True)
 class FrontEndConfig:
     """How a `FrontEnd` places scans.
 
@@ -23,8 +46,8 @@ class FrontEndConfig:
     off, 0.85 of a scan fitted still.
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
     pose found around must be better; better_against: one that the wheels contradict: odometry that
-    jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the wheels may be wrong
-    where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
+    jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the
+    wheels may be wrong where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
     nothing: somebody stands before it. least_begun: points of a scan that begins a new piece where
     scans broke off: fewer, among trees, fit what they should not. blind_m: by the wheels alone;
     after more than the first, a scan that fits may be one that looks the same, unless it is borne out,
@@ -34,15 +57,9 @@ class FrontEndConfig:
     pause_inlier_ratio: of the scan after a pause that must fit for the robot to be where it was; 0.94
     and more did on the same logs, of robots carried into the next room 0.77 to 0.86 in four cases of
     five.
-    doubtful_ratio: of a scan that fits worse than least_inlier_ratio, and is borne out: wheels are sure
-    of where they lead (m, rad), and of what it and so many witnesses, keyframes before it, have in view of
-    one another, at most most_denied was looked through, by margins and aside_m to either side. Of 2256
-    scans of aces with a third of them lost 99 % have 0.11 or less denied, of 1047 that were taken elsewhere
-    99 % 0.07 or more. denied_more: by which a pose that the wheels contradict may be denied more than
-    where they lead: of 14 that were metres off 0.03 to 0.26; and less, for a little better to be enough. most_passed: share of what a keyframe shortly before shows in view of the scan, of at least
-    min_points, that its beams went through, by margins [m] and as a share: then the scan is
-    taken elsewhere, however well it fits; of five real logs 0.36 and less, among four who walk along
-    0.66.
+    most_passed: share of what a keyframe shortly before shows in view of the scan, of at least
+    min_points, that its beams went through: then the scan is taken elsewhere, however well it fits;
+    of five real logs 0.36 and less, among four who walk along 0.66.
     range_max_m: farther ends of beams are left out. Chosen, all of these.
     """
 
@@ -71,12 +88,6 @@ class FrontEndConfig:
     least_facing: float = 0.003
     pauses: PauseConfig = field(default_factory=PauseConfig)
     pause_inlier_ratio: float = 0.9
-    doubtful_ratio: float = 0.4
-    sure: tuple[float, float] = (0.6, 0.2)
-    witnesses: int = 3
-    most_denied: float = 0.05
-    denied_more: tuple[float, float] = (0.02, 0.1)
+    denial: DenialConfig = field(default_factory=DenialConfig)
     most_passed: float = 0.75
-    margins: tuple[float, float] = (0.15, 0.02)
-    aside_m: float = 0.1
     range_max_m: float = POINTS_WITHIN_M

@@ -26,9 +26,10 @@ class ConsistencyConfig:
     radius_m: keyframes so near to one another should agree; apart: unless so few lie between them.
     most_pairs: looked at. most_passed: share of the points in view, over all pairs, that another
     scan's beams went through, by margins [m] and as a share, and aside_m to either side: see
-    `Witnesses`; 0.021 and less on 100 right maps, some with a third of their beams lost. bad_pair: a pair in which so many were,
-    most_bad_pairs: share of such pairs, 0.007 and less of those maps, 0.012 of mines-exp2; from doubtful_pairs on, more loops may help. most_through,
-    most_walls: scans that saw something on the way that the robot drove, and those in which it was
+    `Witnesses`; 0.021 and less on 100 right maps, some with a third of their beams lost. bad_pair:
+    a pair in which so many were, most_bad_pairs: share of such pairs, 0.007 and less of those maps,
+    0.012 of mines-exp2; from doubtful_pairs on, more loops may help. most_through, most_walls:
+    scans that saw something on the way that the robot drove, and those in which it was
     no closed door; two at most on four real logs, ten and more on wrong maps. beside: so few
     keyframes off, one loop says what another does. most_rejected: share of the loops that the others
     contradict. most_across: pairs looked at of which one was taken before the scans broke off and one

@@ -29,11 +29,12 @@ _LITTLE = 1e-6
 class StrayConfig:
     """Which keyframes are looked at once more, and what is believed then.
 
-    least_m: off the way; nearer ones are as good as they are. runs: so many keyframes in a row may have
-    strayed together, tried in this order. half: keyframes to either side whose surfaces are looked
-    at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a scan that fits
-    as well, and agrees better with the wheels if there are any, lies on the way. least_facing: of what it sees there, see `FrontEndConfig`: of a scan that
-    leaves its place open, wheels know better. margins, aside_m: see `Witnesses`. Chosen, all of these.
+    least_m: off the way; nearer ones are as good as they are. runs: so many keyframes in a row may
+    have strayed together, tried in this order. half: keyframes to either side whose surfaces are
+    looked at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a
+    scan that fits as well, and agrees better with the wheels if there are any, lies on the way.
+    least_facing: of what it sees there, as in `FrontEndConfig`: where a scan leaves its place open,
+    wheels know better. margins, aside_m: see `Witnesses`. Chosen, all of these.
     """
 
     least_m: float = 0.2
