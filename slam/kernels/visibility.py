@@ -94,6 +94,24 @@ def statements_into(
 
 
 @compiled
+def _beam_at(bearing: float, angles: FloatArray) -> tuple[float, int]:
+    """A bearing [rad], no less than the first of increasing angles, and the last beam up to there that
+    has one after it."""
+    while bearing < angles[0]:
+        bearing += 2.0 * math.pi
+    while bearing >= angles[0] + 2.0 * math.pi:
+        bearing -= 2.0 * math.pi
+    low, high = 0, angles.shape[0] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if angles[middle] <= bearing:
+            low = middle
+        else:
+            high = middle
+    return bearing, low
+
+
+@compiled
 def _beyond(
     x: float,
     y: float,
@@ -107,17 +125,7 @@ def _beyond(
     end beyond it [m]; nan where the scan says nothing of it."""
     count = angles.shape[0]
     bearing, distance = math.atan2(y, x), math.sqrt(x * x + y * y)
-    while bearing < angles[0]:
-        bearing += 2.0 * math.pi
-    while bearing >= angles[0] + 2.0 * math.pi:
-        bearing -= 2.0 * math.pi
-    low, high = 0, count - 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if angles[middle] <= bearing:
-            low = middle
-        else:
-            high = middle
+    bearing, low = _beam_at(bearing, angles)
     if bearing > angles[count - 1] or low < 1 or low + 2 >= count:
         return math.nan
     nearest = math.inf
@@ -180,17 +188,7 @@ def looks_into(
         if abs(before) < _ALONG * distance:
             continue
         bearing = math.atan2(c * dy - s * dx, c * dx + s * dy)
-        while bearing < angles[0]:
-            bearing += 2.0 * math.pi
-        while bearing >= angles[0] + 2.0 * math.pi:
-            bearing -= 2.0 * math.pi
-        low, high = 0, beam_count - 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            if angles[middle] <= bearing:
-                low = middle
-            else:
-                high = middle
+        bearing, low = _beam_at(bearing, angles)
         first, last = low - 1, low + 2
         aside = _ASIDE_M / distance
         while first > 0 and angles[first] > bearing - aside:
