@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -131,14 +132,20 @@ class Mapper:
         self._rescale()
         self._put_strays_back()
         slam_map = self._held_together()
-        first, graph = self._first, slam_map.graph
-        said = self._monitor.objections(
-            slam_map.steps, lambda one, other: between_m(graph, first + one, first + other)
-        )
+        said = self._monitor.objections(slam_map.steps, partial(self._between_m, slam_map))
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = too_far_adrift(slam_map.drift_m, slam_map.poses)
         return slam_map.objected(said)
+
+    def _between_m(self, slam_map: SlamMap, one: int, other: int) -> float:
+        """How sure a map is of how two keyframes of the session lie [m], other after one; not at all
+        where loops to those between them, or beside, contradict the others: either may be false."""
+        one, other, beside = self._first + one, self._first + other, self.config.consistency.beside
+        ends = [end for loop in slam_map.rejected for end in (loop.earlier, loop.later)]
+        if any(one - beside <= end <= other + beside for end in ends):
+            return math.inf
+        return between_m(slam_map.graph, one, other)
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""

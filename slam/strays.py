@@ -32,7 +32,7 @@ class StrayConfig:
     least_m: off the way; nearer ones are as good as they are. runs: so many keyframes in a row may
     have strayed together, tried in this order. half: keyframes to either side whose surfaces are
     looked at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a
-    scan that fits as well, and agrees better with the wheels if there are any, lies on the way.
+    scan that fits as well, and alone agrees better with the wheels if there are any, lies on the way.
     least_facing: of what it sees there, as in `FrontEndConfig`: where a scan leaves its place open,
     wheels know better. margins, aside_m: see `Witnesses`. Chosen, all of these.
     """
@@ -100,9 +100,9 @@ def without_strays(
                 strays.add(k)
                 for at in (k, k + 1):
                     start, end = (SE2.from_array(pose) for pose in moved_poses[at - 1 : at + 1])
-                    found[at] = replace(
-                        found[at], T_before=start.inverse() @ end, covariance=match.covariance
-                    )
+                    # over a break nobody knows the way better than before
+                    known = found[at].covariance if found[at].is_break else match.covariance
+                    found[at] = replace(found[at], T_before=start.inverse() @ end, covariance=known)
     kept = [loop for loop in loops if loop.earlier not in strays and loop.later not in strays]
     return found, kept, moved_poses, sorted(strays)
 

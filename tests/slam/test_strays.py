@@ -59,10 +59,13 @@ def test_keyframe_that_strayed_is_put_back_on_the_way(slam_map, strays, covarian
 
 def test_scans_that_come_back_to_the_way_may_have_broken_off(slam_map):
     torn = list(slam_map.keyframes)
-    torn[AT + 1] = replace(torn[AT + 1], is_break=True)
+    torn[AT + 1] = replace(torn[AT + 1], is_break=True, covariance=0.25 * np.eye(3))
     told = told_by(slam_map.keyframes, SURE)
-    _, _, found, put_back = without_strays(torn, [], pushed(slam_map, AT), told)
+    keyframes, _, found, put_back = without_strays(torn, [], pushed(slam_map, AT), told)
     assert put_back == [AT]
+    # the way over the break is known no better for it
+    assert np.array_equal(keyframes[AT + 1].covariance, torn[AT + 1].covariance)
+    assert np.trace(keyframes[AT].covariance) < 0.01
     assert off_m(found, slam_map) < 0.05
     # of one that begins a piece, nobody knows where it should be
     torn[AT] = replace(torn[AT], is_break=True)
