@@ -20,6 +20,7 @@ from slam.map_consistency import acquitted, do_contradict, judged
 from slam.map_drift import between_m, too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
+from slam.odometry_jumps import OdometryJumps
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
 from slam.se2 import SE2, wrap_angle
@@ -64,6 +65,7 @@ class Mapper:
         self._start = self.T_map_base = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
+        self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
     @classmethod
@@ -96,6 +98,7 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
+        measurement = self._jumps.doubted(measurement)
         told_m2 = float(measurement.motion_covariance[0, 0])
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)

@@ -111,6 +111,7 @@ RANKS = (
         "front_end_config",
         "open_matches",
         "candidates",
+        "odometry_jumps",
         "contradictions",
         "witnesses",
         "strays",
