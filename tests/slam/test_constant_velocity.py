@@ -85,15 +85,15 @@ def test_robot_does_not_go_five_times_as_far_at_once(monkeypatch, interval_s, of
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.25)
 
-    def around(points, T_last, T_predicted, odometry):
-        found = badly(points, T_predicted, T_predicted, odometry)
+    def around(points, told):
+        found = badly(points, told.T_map_base, told.T_map_base, told.odometry)
         off = SE2(off_m, 0.0, 0.0)
-        return replace(found, T_map_base=T_predicted @ off, inlier_ratio=0.9, cost=0.2)
+        return replace(found, T_map_base=told.T_map_base @ off, inlier_ratio=0.9, cost=0.2)
 
     for k in range(8):
         if k == 7:
             monkeypatch.setattr(front_end._surfaces, "match", badly)
-            monkeypatch.setattr(front_end, "_around", around)
+            monkeypatch.setattr(front_end._candidates, "around", around)
         scan = scan_of(WALLS, SE2(STEP_M * k, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
         step = front_end.update(Measurement(interval_s * k, SE2.identity(), scan, UNMEASURED))
     assert step.status is status
