@@ -62,6 +62,7 @@ class Mapper:
         self._steps: list[FrontEndStep] = []
         self._has_new = False
         self._session = self._first = self._first_step = 0
+        self._known_poses: FloatArray = np.empty((0, 3))
         self._start = self.T_map_base = SE2.identity()
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
@@ -209,13 +210,12 @@ class Mapper:
                 else:
                     kept, rejected = [], []
         keyframes, poses = self._graph.keyframes.copy(), self._graph.poses
-        # what was not joined is set against nothing
-        count = len(keyframes) if self._is_joined else self._first
-        adjusted = jointly_adjusted(
-            keyframes[:count], [loop for loop in kept if loop.later < count], poses[:count],
-            self.config.adjustment, self.config.front_end.surfaces,
-        )  # fmt: skip
-        poses = np.concatenate([adjusted, poses[count:]])
+        if self._is_joined:
+            poses = jointly_adjusted(
+                keyframes, kept, poses, self.config.adjustment, self.config.front_end.surfaces
+            )
+        else:  # what was not joined is set against nothing, and moves nothing
+            poses = np.concatenate([self._known_poses, poses[self._first :]])
         if 0 < self._first < len(keyframes):
             if not self._is_joined and self._is_start_unknown:
                 poses = set_aside(keyframes, poses, self._first)
@@ -252,6 +252,7 @@ class Mapper:
         """Takes over all that was mapped before."""
         self._steps = list(slam_map.steps)
         self._first, self._first_step = len(slam_map.keyframes), len(self._steps)
+        self._known_poses = slam_map.poses
         self._session = slam_map.session_count
         loops = [*slam_map.loops, *slam_map.rejected]
         self._graph.renew(list(slam_map.keyframes), loops, slam_map.poses)

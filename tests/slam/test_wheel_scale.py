@@ -203,4 +203,4 @@ def test_corridor_is_as_long_as_it_is_though_the_wheels_are_not_as_told(way_scal
 def test_map_whose_length_nothing_tells_is_called_failed():
     slam_map, _ = corridor(60.0, 1.0, back=False)
     (reason,) = slam_map.verdict.reasons
-    assert "whose scale is known to" in reason
+    assert "how far the robot went between them the wheels alone tell" in reason
