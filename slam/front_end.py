@@ -92,6 +92,8 @@ class FrontEnd:
                 match = replace(match, joined=match.information + inverse_of(self._P))
             if is_open and status is StepStatus.MATCHED:
                 match = match.held_along_open(T_predicted, inverse_of(self._P))
+            elif is_open:  # wheels that it contradicts tell nothing of how far along it lies
+                match = match.loosened_along_open(self.config.reach_m)
             self._learn_scale(T_predicted, match)
             self.T_map_base, self._P, inlier_ratio = (
                 match.T_map_base, match.covariance, match.inlier_ratio

@@ -126,6 +126,17 @@ class SurfaceMatch:
         xy = information[0, 1] - x * y / information[2, 2]
         return float((0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)) / total)
 
+    def loosened_along_open(self, sigma_m: float) -> SurfaceMatch:
+        """The same pose, so much less sure along the direction of which the scan tells least: of a match
+        that was searched for, where neither that nor the wheels tell how far along it lies."""
+        known = self.information
+        if not known[2, 2] > 0.0:
+            return self
+        weakest = np.linalg.eigh(self.place_information)[1][:, 0]
+        open_ = np.array([*weakest, -known[:2, 2] @ weakest / known[2, 2]])
+        covariance = self.covariance + sigma_m**2 * np.outer(open_, open_)
+        return replace(self, joined=inverse_of(covariance))
+
     def held_along_open(self, T_predicted: SE2, odometry: FloatArray) -> SurfaceMatch:
         """The same, with what it tells along its weakest direction left out: the odometry tells there.
 

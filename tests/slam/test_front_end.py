@@ -119,6 +119,20 @@ def test_scan_after_some_metres_blind_is_believed_where_the_wheels_lead(blind, s
     assert steps[-1].status is status
 
 
+def test_match_that_was_searched_for_along_a_wall_is_not_sure_how_far_along(monkeypatch):
+    # odometry that turned by 90 degrees at once, in a corridor: the way after that is anybody's guess
+    front_end, second = after_one_scan()
+    two_poses(monkeypatch, front_end, gain=0.3)
+    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
+    monkeypatch.setattr(front_end, "_is_open", lambda _: True)
+    covariance = np.diag([0.05**2, 0.05**2, 0.05**2])
+    assert (
+        front_end.update(replace(second, motion_covariance=covariance)).status
+        is StepStatus.SEARCHED
+    )
+    assert front_end.keyframes[-1].covariance[:2, :2].trace() > 0.5 * front_end.config.reach_m**2
+
+
 def after_one_scan() -> tuple[FrontEnd, Measurement]:
     """A front end that has seen one scan, and the next one."""
     front_end = FrontEnd(ring.T_BASE_LASER)

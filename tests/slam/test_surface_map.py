@@ -185,3 +185,19 @@ def test_walls_that_go_on_beyond_what_is_known_tell_next_to_nothing_of_the_way()
     # with what noise makes of it: 0.0007, and 12 mm back
     assert np.median(facings) < 3e-4
     assert abs(np.mean(off_m)) < 0.006
+
+
+def test_match_along_a_wall_is_loosened_along_it_and_stays_where_it_is():
+    surfaces, points = SurfaceMap(), seen(wall(2.0), (0.0, 2.0))
+    surfaces.add(points)
+    start = SE2.identity()
+    match = surfaces.match(points, start, start, 1e4 * np.eye(3))
+    loose = match.loosened_along_open(0.8)
+    assert loose.T_map_base == match.T_map_base
+    before, after = match.covariance, loose.covariance
+    # the wall runs along y
+    assert after[1, 1] - before[1, 1] == pytest.approx(0.8**2, rel=1e-3)
+    assert after[0, 0] == pytest.approx(before[0, 0], rel=0.1)
+    # nothing is known of a direction to begin with
+    nothing = surfaces.match(points[:0], start, start, 1e4 * np.eye(3))
+    assert nothing.loosened_along_open(0.8) is nothing
