@@ -11,7 +11,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.contradictions import passed
-from slam.front_end_config import FrontEndConfig
+from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import Keyframe
 from slam.open_matches import LITTLE, closed_match
@@ -21,8 +21,8 @@ from slam.surface_map import SurfaceMap, SurfaceMatch
 _WIDER = 1.5
 """Of a search's reach: matches may slide off from where it looked; farther, they are of something
 else. Chosen."""
-_GUESS = 0.3, 0.3
-"""[m], [rad]: a prediction less sure than that leads to whatever looks like it. Chosen."""
+_GUESS_RAD = 0.3
+"""As `GUESS_M`, of the heading. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +44,8 @@ class Prediction:
     @property
     def is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""
-        P, (most_m, most_rad) = self.covariance, _GUESS
-        return bool(max(P[0, 0], P[1, 1]) > most_m**2 or P[2, 2] > most_rad**2)
+        P = self.covariance
+        return bool(max(P[0, 0], P[1, 1]) > GUESS_M**2 or P[2, 2] > _GUESS_RAD**2)
 
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""

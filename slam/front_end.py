@@ -12,7 +12,7 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.candidates import Candidates, Prediction
 from slam.carried import Carried
-from slam.front_end_config import FrontEndConfig
+from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
@@ -27,8 +27,6 @@ from slam.surface_map import SurfaceMap, SurfaceMatch, faced, moved
 from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale
 
-_GUESS_M = 0.3
-"""Standard deviation of a motion beyond which nothing measured it. Chosen."""
 _SPEEDS_UP_M, _SPEEDS_UP_MPS = 0.15, 0.3
 """Standard deviation of how much farther than from the last scan to this one a robot goes to the next,
 and of its speed: of 70 poses that a search found a quarter of a metre and more from where it would go on to, none was
@@ -276,4 +274,4 @@ class FrontEnd:
 
 def _is_told(measurement: Measurement) -> bool:
     """Whether anything measured the way since the last scan."""
-    return bool(measurement.motion_covariance[0, 0] < _GUESS_M**2)
+    return bool(measurement.motion_covariance[0, 0] < GUESS_M**2)

@@ -10,6 +10,10 @@ from slam.pauses import PauseConfig
 from slam.surface_map import SurfaceMapConfig
 from slam.wheel_scale import WheelScaleConfig
 
+GUESS_M = 0.3
+"""Standard deviation of a motion beyond which nothing measured it: it leads to whatever looks like where
+it ends. Chosen."""
+
 
 @dataclass(frozen=True)
 class DenialConfig:

@@ -33,7 +33,7 @@ class KeyframeGraph:
         self.loops: list[Loop] = []
         self._step_sigma = step_sigma
         self._graph, self._loop_edges, self._breaks = PoseGraph(), list[int](), list[int]()
-        self._held_ends: IntArray = np.empty((0, 2), np.int64)
+        self._held_ends = _ends_of([])
 
     def __len__(self) -> int:
         return len(self.keyframes)
@@ -56,7 +56,7 @@ class KeyframeGraph:
         self._graph = graph_of(keyframes, loops, poses, self._step_sigma)
         steps = max(len(keyframes) - 1, 0)
         self.keyframes, self.loops = keyframes, loops
-        self._held_ends = np.array([(loop.earlier, loop.later) for loop in loops], np.int64)
+        self._held_ends = _ends_of(loops)
         self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
         self._loop_edges = list(range(steps, steps + len(loops)))
 
@@ -80,7 +80,7 @@ class KeyframeGraph:
         steps_m = np.zeros(len(poses))
         steps_m[1:] = np.hypot(*np.diff(poses[:, :2], axis=0).T)
         steps_m[self._breaks] += _TORN_M
-        ends = self._held_ends.reshape(-1, 2)
+        ends = self._held_ends
         loops_m = np.hypot(*(poses[ends[:, 0], :2] - poses[ends[:, 1], :2]).T)
         ways_m = np.empty(len(poses))
         ways_from(index, steps_m, ends, loops_m, ways_m)
@@ -104,7 +104,7 @@ class KeyframeGraph:
                 solution = min(solution, self._graph.solve(Start.STAGES), key=lambda one: one.cost)
         self._graph.set_poses(solution.poses)
         kept, _ = self._sorted(solution)
-        self._held_ends = np.array([(loop.earlier, loop.later) for loop in kept], np.int64)
+        self._held_ends = _ends_of(kept)
         return solution
 
     def sorted_loops(self) -> tuple[list[Loop], list[Loop]]:
@@ -118,3 +118,8 @@ class KeyframeGraph:
         kept = [loop for loop, bad in zip(self.loops, of_loop, strict=True) if not bad]
         rejected = [loop for loop, bad in zip(self.loops, of_loop, strict=True) if bad]
         return kept, rejected
+
+
+def _ends_of(loops: Sequence[Loop]) -> IntArray:
+    """(L, 2) the keyframes that loops lie between."""
+    return np.array([(loop.earlier, loop.later) for loop in loops], np.int64).reshape(-1, 2)

@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.front_end_config import GUESS_M
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 from slam.witnesses import Witnesses
 
-_GUESS_M = 0.3
-"""Standard deviation of a step, beyond which nobody measured it. Chosen."""
 _LITTLE = 1e-6
 """[m2], [rad2]: wheels that tell of no way at all may be off by a millimetre."""
 
@@ -67,7 +66,7 @@ class ToldStep:
     @property
     def is_guess(self) -> bool:
         """Whether nobody measured it."""
-        return bool(self.covariance[0, 0] > _GUESS_M**2)
+        return bool(self.covariance[0, 0] > GUESS_M**2)
 
     def squared(self, T_before: SE2, T_after: SE2) -> float:
         """Normalised error squared of a step that led from one pose to another."""
