@@ -93,9 +93,11 @@ class KeyframeGraph:
         self.loops += loops
 
     def solve(self, max_iterations: int | None = None) -> PoseGraphSolution:
-        """Moves the poses to where steps and loops agree best; or on the way there, by so many
-        iterations. In the end right loops that lie metres off are not left out because no step from where
-        the poses are leads to them: then all is solved anew, in stages."""
+        """Moves the poses to where steps and loops agree best, or by so many iterations on the way there.
+
+        Without a limit, loops that are rejected get a second hearing, in stages: right ones may lie so
+        far off that no descent from where the poses are leads to them.
+        """
         if max_iterations is not None:
             solution = self._graph.solve(config=PoseGraphConfig(max_iterations=max_iterations))
         else:

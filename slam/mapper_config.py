@@ -17,8 +17,9 @@ from slam.strays import StrayConfig
 class MapperConfig:
     """How a `Mapper` works.
 
-    drift_m, drift_rad: by which a pose may be wrong for each metre since the last loop, and
-    start_m, start_rad just after one; most_drift: (m, rad) that is looked for at most. solve_every:
+    drift_m, drift_rad: by which two keyframes may lie otherwise for each metre of the shortest way
+    between them, over steps and loops, start_m, start_rad beside that; most_drift: (m, rad) that is
+    looked for at most. solve_every:
     keyframes after which the poses are adjusted, if there are new loops, by so many
     online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
     what the front end says. crowd: keyframes within crowd_m and crowd_rad of one, of which no more
