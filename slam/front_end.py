@@ -11,13 +11,13 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.candidates import Candidates, Prediction
-from slam.carried import Carried
 from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.loose_runs import LooseRuns
 from slam.measurements import Measurement
 from slam.pauses import Pauses
 from slam.se2 import SE2
@@ -46,7 +46,7 @@ class FrontEnd:
         self.wheel_scale = WheelScale(self.config.wheel_scale)
         self.scaled_steps: list[ScaledStep] = []
         self.told_steps: list[ToldStep] = []
-        self.carried, self._scans = Carried(), 0
+        self.loose_runs, self._scans = LooseRuns(), 0
         self.T_map_base = SE2.identity()
         self._surfaces = SurfaceMap(self.config.surfaces)
         self._candidates = Candidates(self._surfaces, self.keyframes, self.config)
@@ -77,13 +77,14 @@ class FrontEnd:
             match, status = None, StepStatus.BROKEN
         if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
             status = StepStatus.CARRIED
-        self.T_map_base = T_predicted
-        inlier_ratio = 0.0
-        if status is StepStatus.CARRIED and self.keyframes:
-            self.carried.add(self._scans, T_predicted, self._P)
-        else:
-            self.carried.end(T_predicted, self._P)
-        self._scans += 1
+        if status is StepStatus.BROKEN:
+            self._P = self._P + np.diag(np.square(self.config.break_sigma))
+        told_P = self._P
+        if status is StepStatus.SEARCHED:  # the wheels may have been wrong just here
+            reach_m, reach_rad = self.config.reach_m, self.config.reach_rad
+            told_P = told_P + np.diag(np.square([reach_m, reach_m, reach_rad]))
+        self.loose_runs.lead_to(T_predicted, told_P)
+        self.T_map_base, inlier_ratio = T_predicted, 0.0
         is_open = match is not None and self._is_open(match)
         if match is not None:
             if is_coasting:  # that it goes on as it did holds a search, and proves nothing
@@ -96,9 +97,12 @@ class FrontEnd:
             self.T_map_base, self._P, inlier_ratio = (
                 match.T_map_base, match.covariance, match.inlier_ratio
             )  # fmt: skip
-        elif status is StepStatus.BROKEN:
-            self._P = self._P + np.diag(np.square(self.config.break_sigma))
         is_new = self._is_new(status, points)
+        if self.keyframes and not is_new and (is_open or status is StepStatus.CARRIED):
+            self.loose_runs.add(self._scans, self.T_map_base, self._P)
+        else:
+            self.loose_runs.end()
+        self._scans += 1
         if is_new or match is not None:
             self._blind_m = 0.0
         if is_new:

@@ -9,13 +9,13 @@ from functools import partial
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.carried import smoothed
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop, LoopCloser
+from slam.loose_runs import smoothed
 from slam.map_consistency import acquitted, do_contradict, judged
 from slam.map_drift import between_m, too_far_adrift
 from slam.mapper_config import MapperConfig
@@ -228,7 +228,7 @@ class Mapper:
             said = f"session {self._session + 1} has no scan that tells anything"
             verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
-        runs = self._front_end.carried.runs
+        runs = self._front_end.loose_runs.ended
         steps = smoothed(self._steps, runs, self._first_step, keyframes, poses)
         for k, glances in enumerate(self._front_end.glances, start=self._first):
             if not keyframes[k].is_place_alone:
