@@ -24,6 +24,7 @@ from kitasap_sim.robot import OdometrySpread, odometry_preset
 from slam.arrays import BoolArray, FloatArray
 from slam.icp import IcpConfig, StopRule
 from slam.icp_mapping import IcpMapper
+from slam.loop_closing import without_ties
 from slam.map_consistency import MapVerdict
 from slam.mapping import Mapper
 from slam.measurements import Measurement
@@ -223,8 +224,8 @@ def _finished(mapper: AnyMapper) -> MadeMap:
         slam_map = mapper.finish()
         facts = {
             "keyframes": len(slam_map.keyframes),
-            "loops": len(slam_map.loops),
-            "loops_rejected": len(slam_map.rejected),
+            "loops": len(without_ties(slam_map.loops)),
+            "loops_rejected": len(without_ties(slam_map.rejected)),
         }
         return MadeMap(slam_map.trajectory, slam_map.points, slam_map.verdict, facts, slam_map)
     assert isinstance(mapper, IcpMapper)

@@ -12,6 +12,7 @@ import numpy as np
 from experiments.evaluation import Evaluation
 from experiments.slam_wheels import wheels_line
 from slam.keyframes import StepStatus
+from slam.loop_closing import without_ties
 from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
 
@@ -75,8 +76,8 @@ class SlamLog:
             "duration_s": float(np.ptp(self.trajectory.times_s)),
             "way_m": self.way_m,
             "keyframes": len(slam_map.keyframes),
-            "loops": len(slam_map.loops),
-            "loops_rejected": len(slam_map.rejected),
+            "loops": len(without_ties(slam_map.loops)),
+            "loops_rejected": len(without_ties(slam_map.rejected)),
             "contradicted": verdict.passed_ratio,
             "drift_m": slam_map.drift_m if math.isfinite(slam_map.drift_m) else None,
             "cpu_s": {

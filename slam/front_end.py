@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -17,13 +16,16 @@ from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.loop_closing import Loop
 from slam.loose_runs import LooseRuns
 from slam.measurements import Measurement
+from slam.open_runs import OpenRun, OpenStep
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
 from slam.strays import ToldStep
-from slam.surface_map import SurfaceMap, SurfaceMatch, faced, moved
+from slam.surface_map import SurfaceMatch, faced
+from slam.surface_window import SurfaceWindow
 from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale
 
@@ -48,9 +50,10 @@ class FrontEnd:
         self.told_steps: list[ToldStep] = []
         self.loose_runs, self._scans = LooseRuns(), 0
         self.T_map_base = SE2.identity()
-        self._surfaces = SurfaceMap(self.config.surfaces)
-        self._candidates = Candidates(self._surfaces, self.keyframes, self.config)
-        self._window: deque[FloatArray] = deque()
+        self.ties: list[Loop] = []
+        self._window = SurfaceWindow(self.config.window, self.config.surfaces)
+        self._candidates = Candidates(self._window.surfaces, self.keyframes, self.config)
+        self._open_run = OpenRun(self.config)
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
         self._told = ToldStep.none()
@@ -86,6 +89,7 @@ class FrontEnd:
         self.loose_runs.lead_to(T_predicted, told_P)
         self.T_map_base, inlier_ratio = T_predicted, 0.0
         is_open = match is not None and self._is_open(match)
+        tied: SE2 | None = None
         if match is not None:
             if is_coasting:  # that it goes on as it did holds a search, and proves nothing
                 match = replace(match, joined=match.information + inverse_of(self._P))
@@ -93,11 +97,15 @@ class FrontEnd:
                 match = match.held_along_open(T_predicted, inverse_of(self._P))
             elif is_open:  # wheels that it contradicts tell nothing of how far along it lies
                 match = match.loosened_along_open(self.config.reach_m)
+            by_wheels = self.wheel_scale.step
             self._learn_scale(T_predicted, match)
+            if not (is_open or self._open_run.is_empty):
+                step = OpenStep(self.keyframes[-1].T_map_base.inverse() @ T_predicted, told_P)
+                tied = self._tied(points, match, step)
             self.T_map_base, self._P, inlier_ratio = (
-                match.T_map_base, match.covariance, match.inlier_ratio
+                tied or match.T_map_base, match.covariance, match.inlier_ratio
             )  # fmt: skip
-        is_new = self._is_new(status, points)
+        is_new = tied is not None or self._is_new(status, points)
         if self.keyframes and not is_new and (is_open or status is StepStatus.CARRIED):
             self.loose_runs.add(self._scans, self.T_map_base, self._P)
         else:
@@ -107,6 +115,12 @@ class FrontEnd:
             self._blind_m = 0.0
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
+            if tied is not None:  # the way to it is told by the wheels; by scans, from before these
+                self.keyframes[-1] = replace(
+                    self.keyframes[-1], T_before=step.motion, covariance=step.covariance
+                )
+                self.scaled_steps[-1] = by_wheels
+            self._open_run.take(len(self.keyframes) - 1, is_open)
         # whom nobody sees does not go on for ever
         moved = T_last.inverse() @ self.T_map_base if match is not None else SE2.identity()
         self._moved, self._moved_in_s = moved, self._elapsed_s
@@ -145,6 +159,32 @@ class FrontEnd:
             match.information * (surfaces.pull / surfaces.share),
             match.least_facing,
         )
+
+    def _tied(self, points: FloatArray, match: SurfaceMatch, step: OpenStep) -> SE2 | None:
+        """Where a scan was taken, after keyframes that left a direction open, if it sees what was seen
+        before these. That ties it to the keyframe before them; they are moved to where it shows them.
+
+        step: by the wheels, from the last keyframe.
+        """
+        run, keyframes = self._open_run, self.keyframes
+        seen = run.seen_from_before(keyframes, points, match.T_map_base, self._window)
+        if seen is None:
+            return None
+        T_seen = keyframes[run.before].T_map_base.inverse() @ seen.T_map_base
+        covariance = seen.covariance + np.diag(np.square(self.config.step_sigma))
+        # all that is told of noisy wheels is that much less sure
+        *poses, T_map_base = run.moved(keyframes, step, T_seen, covariance / self.wheel_scale.noise)
+        for k, pose in enumerate(poses, start=run.before + 1):
+            keyframes[k] = replace(keyframes[k], T_map_base=pose)
+        self._window.leave_out_last(len(poses))
+        self._window.learn_all((one.T_map_base, one.faced) for one in keyframes[run.before + 1 :])
+        information = inverse_of(covariance)
+        self.ties.append(
+            Loop(
+                run.before, len(keyframes), T_seen, information, seen.inlier_ratio, 0.0, is_tie=True
+            )
+        )
+        return T_map_base
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of the scan of a keyframe that has left the window, and of those after it."""
@@ -267,13 +307,8 @@ class FrontEnd:
         self.told_steps.append(self._told)
         self._P, self._told = np.zeros((3, 3)), ToldStep.none()
         if is_break:
-            while self._window:
-                self._surfaces.remove(self._window.popleft())
-        points_map = moved(T_map_base, self._surfaces.thinned(points))
-        self._surfaces.add(points_map)
-        self._window.append(points_map)
-        if len(self._window) > self.config.window:
-            self._surfaces.remove(self._window.popleft())
+            self._window.forget()
+        self._window.learn(T_map_base, points)
 
 
 def _is_told(measurement: Measurement) -> bool:

@@ -52,7 +52,8 @@ class LoopConfig:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """Keyframe `later` as seen from keyframe `earlier`, and the (3, 3) information of that."""
+    """Keyframe `later` as seen from keyframe `earlier`, and the (3, 3) information of that. is_tie: of
+    one way, past keyframes that left open how far it went; no place is seen again."""
 
     earlier: int
     later: int
@@ -60,6 +61,12 @@ class Loop:
     information: FloatArray
     inlier_ratio: float
     passed_ratio: float
+    is_tie: bool = False
+
+
+def without_ties(loops: Sequence[Loop]) -> list[Loop]:
+    """The loops at which a place is seen again."""
+    return [loop for loop in loops if not loop.is_tie]
 
 
 class LoopCloser:

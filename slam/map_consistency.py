@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from slam.arrays import FloatArray, IntArray
 from slam.driven_through import driven_through
 from slam.keyframes import Keyframe
-from slam.loop_closing import Loop
+from slam.loop_closing import Loop, without_ties
 from slam.witnesses import Witnesses
 
 _FEW = 20
@@ -96,9 +96,9 @@ def judged(
         reasons.append(
             f"{100 * bad_pairs:.0f} % of {pairs} pairs of scans of one place contradict each other"
         )
-    count = len(loops) + len(rejected)
-    if count >= 10 and len(rejected) > config.most_rejected * count:
-        reasons.append(f"{len(rejected)} of {count} loops contradict the others")
+    bad, count = (len(without_ties(found)) for found in (rejected, (*loops, *rejected)))
+    if count >= 10 and bad > config.most_rejected * count:
+        reasons.append(f"{bad} of {count} loops contradict the others")
     return MapVerdict(not reasons, passed_ratio, bad_pairs, pairs, tuple(reasons))
 
 
@@ -130,7 +130,9 @@ def acquitted(
         )
     for one in rejected:
         ends = (one.earlier, one.later)
-        if all(_apart(ends, (loop.earlier, loop.later)) > config.beside for loop in loops):
+        if not one.is_tie and all(
+            _apart(ends, (loop.earlier, loop.later)) > config.beside for loop in loops
+        ):
             reasons.append(
                 f"the scans at {keyframes[one.earlier].time_s:.2f} s and"
                 f" {keyframes[one.later].time_s:.2f} s may show one place, which the map has twice"

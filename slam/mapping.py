@@ -14,7 +14,7 @@ from slam.front_end import FrontEnd
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.loop_closing import Loop, LoopCloser
+from slam.loop_closing import Loop, LoopCloser, without_ties
 from slam.loose_runs import smoothed
 from slam.map_consistency import acquitted, do_contradict, judged
 from slam.map_drift import between_m, too_far_adrift
@@ -111,12 +111,13 @@ class Mapper:
         self._steps.append(replace(step, session=self._session))
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
+            self._tie_last()
         self._look_for_join()
         self.T_map_base = self._start @ step.T_map_base
         if step.keyframe >= 0:
             self.T_map_base = self._graph.pose(step.keyframe) @ step.T_keyframe_base
         return MapperStep(
-            step.time_s, self.T_map_base, step.status, step.inlier_ratio, len(self._graph.loops),
+            step.time_s, self.T_map_base, step.status, step.inlier_ratio, len(without_ties(self._graph.loops)),
             self._is_joined,
         )  # fmt: skip
 
@@ -289,6 +290,21 @@ class Mapper:
             self._check_at = index + 2 * (index - self._first)
             if not self._holds(config.joining.most_checked):
                 self._unjoin()
+
+    def _tie_last(self) -> None:
+        """Ties the last keyframe to the one before those that left open how far the robot went, if
+        the front end did; these go with it, on the map as there."""
+        front_end, graph = self._front_end, self._graph
+        if not front_end.ties or front_end.ties[-1].later != len(front_end.keyframes) - 1:
+            return
+        tie, poses = front_end.ties[-1], graph.poses
+        placed = [one.T_map_base for one in front_end.keyframes[tie.earlier :]]
+        first = self._first + tie.earlier
+        T_map_session = graph.pose(first) @ placed[0].inverse()
+        poses[first:] = [(T_map_session @ pose).as_array() for pose in placed]
+        graph.set_poses(poses)
+        graph.take([replace(tie, earlier=first, later=self._first + tie.later)])
+        self._has_new = True
 
     def _thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw."""

@@ -80,6 +80,8 @@ def _told(slam_map: SlamMap) -> list[Keyframe]:
         for step in slam_map.steps
         if step.session == session and step.is_keyframe and step.is_open
     }
+    # what the scan itself tells of the way to these, their ties say
+    is_open |= {loop.later for loop in (*slam_map.loops, *slam_map.rejected) if loop.is_tie}
     return [
         one if k in is_open else replace(one, covariance=_KNOWN)
         for k, one in enumerate(slam_map.keyframes)

@@ -29,6 +29,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "loop_ways": ("loops", 3),
     "loop_information": ("loops", 3, 3),
     "loop_ratios": ("loops", 2),
+    "loop_is_tie": ("loops",),
     "loops_kept": (),
     **dict.fromkeys(
         ("step_times_s", "step_keyframes", "step_statuses", "step_inliers", "step_is_keyframe",

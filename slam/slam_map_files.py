@@ -22,7 +22,7 @@ from slam.slam_map_checks import MAY_BE_INFINITE, check_arrays
 from slam.views import Glance
 from slam.whole_files import read_at_most, write_whole
 
-VERSION = 3
+VERSION = 4
 """Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -101,6 +101,8 @@ def read_slam_map(path: str | Path) -> SlamMap:
     if version < 3:
         arrays["glance_counts"] = np.zeros(len(arrays["keyframe_times_s"]), np.int64)
         arrays |= dict.fromkeys(_GLANCES, np.zeros(0, np.int64))
+    if version < 4:
+        arrays["loop_is_tie"] = np.zeros(len(arrays["loop_ends"]), np.bool_)
     try:
         check_arrays(arrays, len(_STATUSES))
         for name in MAY_BE_INFINITE:  # one nan is as good as another, but some raise when converted
@@ -140,6 +142,7 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "loop_ways": _poses([one.T_earlier_later for one in loops]),
         "loop_information": _stacked([one.information for one in loops], (0, 3, 3)),
         "loop_ratios": np.array([(o.inlier_ratio, o.passed_ratio) for o in loops]).reshape(-1, 2),
+        "loop_is_tie": np.array([one.is_tie for one in loops], dtype=np.bool_),
         "loops_kept": np.array(len(slam_map.loops)),
         "step_times_s": np.array([one.time_s for one in steps]),
         "step_keyframes": np.array([one.keyframe for one in steps], dtype=np.int64),
@@ -180,10 +183,13 @@ def _map_of(arrays: _Arrays) -> SlamMap:
         )
     )  # fmt: skip
     loops = tuple(
-        Loop(int(ends[0]), int(ends[1]), SE2.from_array(way), information, *map(float, ratios))
-        for ends, way, information, ratios in zip(
+        Loop(
+            int(ends[0]), int(ends[1]), SE2.from_array(way), information, float(ratios[0]),
+            float(ratios[1]), bool(is_tie),
+        )
+        for ends, way, information, ratios, is_tie in zip(
             arrays["loop_ends"], arrays["loop_ways"], arrays["loop_information"],
-            arrays["loop_ratios"], strict=True,
+            arrays["loop_ratios"], arrays["loop_is_tie"], strict=True,
         )
     )  # fmt: skip
     steps = tuple(

@@ -98,9 +98,14 @@ class WheelScale:
         """A motion of the wheels, as far as it went by what is known."""
         return SE2(self.scale * motion.x, self.scale * motion.y, motion.theta)
 
+    @property
+    def step(self) -> ScaledStep:
+        """The step since the last one ended."""
+        return ScaledStep(self.scale, self._across / self.variance)
+
     def begin_step(self) -> ScaledStep:
         """The step since the last call, that ends here: from now on the pose is seen from here."""
-        ended = ScaledStep(self.scale, self._across / self.variance)
+        ended = self.step
         self._across = np.zeros(3)
         return ended
 

@@ -11,6 +11,7 @@ from experiments.figures.canvas import height_by_width, plain, saved
 from experiments.figures.grid import draw_grid
 from experiments.slam_files import grid_or_reason
 from experiments.slam_result import SlamLog
+from slam.loop_closing import without_ties
 from slam.occupancy_grid import UNKNOWN
 from slam.se2 import SE2
 
@@ -57,7 +58,7 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
         said += ", by odometry as a guess alone"
     axes.set_title(
         f"{plain(result.name)}: {result.way_m:.0f} m, {len(slam_map.keyframes)} keyframes,"
-        f" {len(slam_map.loops)} loops\nmap {said}", fontsize=10, wrap=True,
+        f" {len(without_ties(slam_map.loops))} loops\nmap {said}", fontsize=10, wrap=True,
     )  # fmt: skip
     axes.legend(loc="upper right", fontsize=8)
     return saved(figure, folder / "slam")
@@ -67,8 +68,8 @@ def _draw_loops(axes: Axes, result: SlamLog) -> None:
     poses = result.slam_map.poses
     # neither is a colour of the way, from dark blue over green to yellow; those rejected are few
     for loops, colour, width, alpha, words in (
-        (result.slam_map.loops, "#e377c2", 0.5, 0.6, "loops"),
-        (result.slam_map.rejected, "#d62728", 1.6, 0.9, "rejected"),
+        (without_ties(result.slam_map.loops), "#e377c2", 0.5, 0.6, "loops"),
+        (without_ties(result.slam_map.rejected), "#d62728", 1.6, 0.9, "rejected"),
     ):
         if not loops:
             continue

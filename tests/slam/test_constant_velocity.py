@@ -80,7 +80,7 @@ def test_robot_that_ends_a_turn_is_looked_for_where_it_was_as_well():
 )
 def test_robot_does_not_go_five_times_as_far_at_once(monkeypatch, interval_s, off_m, status):
     rng, front_end = np.random.default_rng(0), FrontEnd(SE2.identity())
-    match = front_end._surfaces.match
+    match = front_end._window.surfaces.match
 
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.25)
@@ -92,7 +92,7 @@ def test_robot_does_not_go_five_times_as_far_at_once(monkeypatch, interval_s, of
 
     for k in range(8):
         if k == 7:
-            monkeypatch.setattr(front_end._surfaces, "match", badly)
+            monkeypatch.setattr(front_end._window.surfaces, "match", badly)
             monkeypatch.setattr(front_end._candidates, "around", around)
         scan = scan_of(WALLS, SE2(STEP_M * k, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
         step = front_end.update(Measurement(interval_s * k, SE2.identity(), scan, UNMEASURED))

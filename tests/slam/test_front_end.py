@@ -83,12 +83,12 @@ def test_scan_that_fits_badly_is_where_wheels_lead_if_they_are_sure_and_nothing_
     monkeypatch, inlier_ratio, sigma_m, is_elsewhere, status
 ):
     front_end, second = after_one_scan()
-    match = front_end._surfaces.match
+    match = front_end._window.surfaces.match
 
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=inlier_ratio)
 
-    monkeypatch.setattr(front_end._surfaces, "match", badly)
+    monkeypatch.setattr(front_end._window.surfaces, "match", badly)
 
     def around(points, told):
         return badly(points, told.T_map_base, told.T_map_base, told.odometry)
@@ -143,7 +143,7 @@ def after_one_scan() -> tuple[FrontEnd, Measurement]:
 
 def two_poses(monkeypatch, front_end: FrontEnd, gain: float) -> None:
     """Has a scan fit half well where the wheels lead, and better by a gain next door."""
-    match = front_end._surfaces.match
+    match = front_end._window.surfaces.match
 
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.4)
@@ -153,7 +153,7 @@ def two_poses(monkeypatch, front_end: FrontEnd, gain: float) -> None:
         T_there = told.T_map_base @ NEXT_DOOR
         return replace(found, T_map_base=T_there, inlier_ratio=0.9, cost=0.4 - gain)
 
-    monkeypatch.setattr(front_end._surfaces, "match", badly)
+    monkeypatch.setattr(front_end._window.surfaces, "match", badly)
     monkeypatch.setattr(front_end._candidates, "around", around)
 
 
@@ -246,7 +246,7 @@ def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
     front_end = FrontEnd(ring.T_BASE_LASER)
     first, second = ring.drive(ring.way(0.01), np.random.default_rng(0))[:2]
     front_end.update(first)
-    match, places = front_end._surfaces.match, []
+    match, places = front_end._window.surfaces.match, []
 
     def wandering(points, T_start, T_predicted, odometry, *args):
         found = match(points, T_start, T_predicted, odometry, *args)
@@ -255,8 +255,8 @@ def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
         off = SE2.identity() if is_first else SE2(2.0 if len(places) % 2 else 1.0, 0.0, 0.0)
         return replace(found, T_map_base=T_start @ off, cost=0.5 if is_first else 0.4 - off.x / 10)
 
-    monkeypatch.setattr(front_end._surfaces, "match", wandering)
-    monkeypatch.setattr(front_end._surfaces, "searched", lambda *_: [SE2.identity()] * 2)
+    monkeypatch.setattr(front_end._window.surfaces, "match", wandering)
+    monkeypatch.setattr(front_end._window.surfaces, "searched", lambda *_: [SE2.identity()] * 2)
     here = SE2.identity()
     told = Prediction(here, here, np.eye(3), np.eye(3), noise=1.0, is_coasting=False)
     found = front_end._candidates.around(front_end._seen(front_end._beams(second)), told)

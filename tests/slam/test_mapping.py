@@ -361,6 +361,8 @@ def test_content_with_laxer_loops_does_not_acquit_a_map_that_is_open(slam_map):
     # one of two that say the same of a place, the other kept
     assert is_good(0.005, [replace(loop, earlier=loop.earlier + 10)])
     assert not is_good(0.005, [lone])
+    # no place is seen again there
+    assert is_good(0.005, [replace(lone, is_tie=True)])
     assert not is_good(0.01, [])
     failed = MapVerdict(False, 0.2, 0.0, 100, ("torn",))
     assert acquitted(failed, slam_map.keyframes, [], [], config).reasons == ("torn",)

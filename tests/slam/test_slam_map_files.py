@@ -80,6 +80,19 @@ def test_map_of_version_2_is_read_without_scans_between_keyframes(slam_map, tmp_
     assert not any(one.glances for one in again.keyframes)
 
 
+def test_ties_are_kept_and_maps_of_version_3_have_none(slam_map, tmp_path):
+    path, old = tmp_path / "map.kitasap", tmp_path / "old.kitasap"
+    first, *others = slam_map.loops
+    write_slam_map(path, replace(slam_map, loops=(replace(first, is_tie=True), *others)))
+    assert [one.is_tie for one in read_slam_map(path).loops] == [True, *[False] * len(others)]
+    with np.load(path) as file:
+        arrays = dict(file)
+    del arrays["loop_is_tie"]
+    with old.open("wb") as out:
+        np.savez(out, **arrays | {"version": np.array(3)})
+    assert not any(one.is_tie for one in read_slam_map(old).loops)
+
+
 def test_empty_map_is_kept_too(tmp_path):
     write_slam_map(tmp_path / "map.kitasap", Mapper(ring.T_BASE_LASER).finish())
     assert read_slam_map(tmp_path / "map.kitasap").poses.shape == (0, 3)
@@ -155,10 +168,10 @@ def test_file_whose_arrays_make_no_map_is_refused_by_name(slam_map, tmp_path, na
 
 
 def test_later_version_is_refused(slam_map, tmp_path, monkeypatch):
-    monkeypatch.setattr("slam.slam_map_files.VERSION", 4)
+    monkeypatch.setattr("slam.slam_map_files.VERSION", 5)
     write_slam_map(tmp_path / "map.kitasap", slam_map)
-    monkeypatch.setattr("slam.slam_map_files.VERSION", 3)
-    with pytest.raises(ValueError, match="its version is 4, and this library reads 1 to 3"):
+    monkeypatch.setattr("slam.slam_map_files.VERSION", 4)
+    with pytest.raises(ValueError, match="its version is 5, and this library reads 1 to 4"):
         read_slam_map(tmp_path / "map.kitasap")
 
 

@@ -1,0 +1,105 @@
+"""Keyframes along what their scans leave open: the next scan that sees what was seen before them
+shows how far the robot went."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.front_end_config import FrontEndConfig
+from slam.kernels.normal_equations import inverse_of
+from slam.keyframes import Keyframe
+from slam.se2 import SE2
+from slam.surface_map import SurfaceMatch
+from slam.surface_window import SurfaceWindow
+
+
+@dataclass(frozen=True, eq=False)
+class OpenStep:
+    """A motion, and the covariance (3, 3) of it in the frame at its end."""
+
+    motion: SE2
+    covariance: FloatArray
+
+
+class OpenRun:
+    """The last keyframes, as far as each left a direction open, one after the other."""
+
+    def __init__(self, config: FrontEndConfig) -> None:
+        self._config, self._first = config, -1
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the last keyframe leaves none open."""
+        return self._first < 0
+
+    @property
+    def before(self) -> int:
+        """The keyframe before the run."""
+        return self._first - 1
+
+    def take(self, index: int, is_open: bool) -> None:
+        """The next keyframe."""
+        if not is_open:
+            self._first = -1
+        elif self.is_empty:
+            self._first = index
+
+    def seen_from_before(
+        self,
+        keyframes: Sequence[Keyframe],
+        points: FloatArray,
+        T_start: SE2,
+        window: SurfaceWindow,
+    ) -> SurfaceMatch | None:
+        """The match of a scan's faced points (N, 3) with what was seen before the run alone, near
+        T_start; None if they see too little of that. The window holds the same as before."""
+        run, config = keyframes[self._first :], self._config
+        if len(run) >= len(window):
+            return None
+        window.leave_out_last(len(run))
+        match = window.surfaces.match(points, T_start, T_start, np.zeros((3, 3)))
+        window.learn_all((one.T_map_base, one.faced) for one in run)
+        is_seen = (
+            match.least_facing >= config.least_facing
+            and match.inlier_ratio >= config.least_inlier_ratio
+            and match.seen_ratio >= config.least_seen_ratio
+            and match.T_map_base.is_near(T_start, config.keyframe_m, config.keyframe_rad)
+        )
+        return match if is_seen else None
+
+    def moved(
+        self, keyframes: Sequence[Keyframe], last: OpenStep, T_seen: SE2, covariance: FloatArray
+    ) -> list[SE2]:
+        """Where the keyframes of the run, and a scan a step after them, were taken, once that is seen
+        at T_seen from the keyframe before the run; covariance: (3, 3) of that."""
+        T_map_base = keyframes[self.before].T_map_base
+        run = keyframes[self._first :]
+        steps = [*(OpenStep(one.T_before, one.covariance) for one in run), last]
+        poses = list[SE2]()
+        for motion in tied(steps, T_seen, covariance):
+            T_map_base = T_map_base @ motion
+            poses.append(T_map_base)
+        return poses
+
+
+def tied(steps: Sequence[OpenStep], T_seen: SE2, covariance: FloatArray) -> list[SE2]:
+    """The motions of steps, one after the other, once it is seen where they led.
+
+    covariance: (3, 3) of T_seen. Each takes its share of what they were off, as least squares has it to
+    first order.
+    """
+    shares, T_rest, spread = list[FloatArray](), SE2.identity(), covariance
+    for step in reversed(steps):
+        to_end = T_rest.inverse().adjoint()
+        shares.append(step.covariance @ to_end.T)
+        spread = spread + to_end @ shares[-1]
+        T_rest = step.motion @ T_rest
+    pull = inverse_of(spread) @ (T_rest.inverse() @ T_seen).log()
+    return [
+        step.motion @ SE2.exp(share @ pull)
+        for step, share in zip(steps, reversed(shares), strict=True)
+    ]

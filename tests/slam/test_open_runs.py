@@ -1,0 +1,99 @@
+"""Keyframes between bare walls, tied to what was before them by a scan that sees it again."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slam import SE2, Mapper, Measurement, SlamMap
+from slam.loop_closing import without_ties
+from slam.odometry import compose_covariance
+from slam.open_runs import OpenRun, OpenStep, tied
+from slam.pose_graph import PoseGraph
+from tests.slam.synthetic import box, room, scan_of
+
+# a corridor, bare but for two boards by the way; a robot drives past, back and past once more
+WALLS = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), box(-0.3, 0.7, 0.0, 1.0)])
+ANGLES_RAD = np.radians(np.arange(-180.0, 180.0, 0.5))
+STEP_M, SCALE = 0.1, 1.15
+
+
+def way() -> list[SE2]:
+    """Poses: to where the box is out of sight, and back, without a turn."""
+    ahead = np.arange(0.0, 2.9, STEP_M)
+    return [SE2(x, 0.0, 0.0) for x in (*ahead, *ahead[::-1])]
+
+
+def mapped() -> SlamMap:
+    """The map, once the robot has been there by wheels that tell of too long a way."""
+    mapper, rng, poses = Mapper(SE2.identity()), np.random.default_rng(5), way()
+    for index, pose in enumerate(poses):
+        motion = poses[max(index - 1, 0)].inverse() @ pose
+        # ahead it tells of more, as on a slope; back it tells of what it is
+        told = SE2(motion.x * (SCALE if motion.x > 0.0 else 1.0), 0.0, 0.0)
+        scan = scan_of(WALLS, pose, rng, 0.01, ANGLES_RAD, range_max_m=1.8)
+        noise = np.diag([0.03, 0.01, 0.005]) ** 2
+        mapper.update(Measurement(0.2 * index, told, scan, noise))
+    return mapper.finish()
+
+
+def off_m(poses: np.ndarray) -> float:
+    """How far the poses of the scans are off, at most."""
+    return float(np.abs(poses[:, 0] - [pose.x for pose in way()]).max())
+
+
+def test_scan_that_sees_again_what_was_before_bare_walls_says_how_far_the_robot_went(monkeypatch):
+    slam_map = mapped()
+    (tie,) = (loop for loop in slam_map.loops if loop.is_tie)
+    assert without_ties(slam_map.loops) == []
+    earlier, later = slam_map.keyframes[tie.earlier].time_s, slam_map.keyframes[tie.later].time_s
+    assert earlier < 6.0 < later
+    assert off_m(slam_map.trajectory.poses) < 0.12
+
+    monkeypatch.setattr(OpenRun, "seen_from_before", lambda *_: None)
+    assert off_m(mapped().trajectory.poses) > 0.16
+
+
+def test_each_step_takes_its_share_as_least_squares_has_it():
+    steps = [
+        OpenStep(SE2(0.3, 0.0, 0.1), np.diag([4e-4, 1e-4, 9e-4])),
+        OpenStep(SE2(0.5, 0.1, -0.2), np.diag([1e-2, 1e-4, 1e-4])),
+        OpenStep(SE2(0.2, 0.0, 0.0), np.diag([1e-3, 1e-3, 1e-3])),
+    ]
+    covariance = np.diag([1e-4, 1e-4, 1e-5])
+    poses = [SE2.identity()]
+    for step in steps:
+        poses.append(poses[-1] @ step.motion)
+    T_seen = poses[-1] @ SE2(0.1, -0.05, 0.03)
+    graph = PoseGraph()
+    for number, pose in enumerate(poses):
+        graph.add_node(pose, is_fixed=number == 0)
+    for number, step in enumerate(steps):
+        graph.add_edge(number, number + 1, step.motion, np.linalg.inv(step.covariance))
+    graph.add_edge(0, 3, T_seen, np.linalg.inv(covariance))
+    T, found = SE2.identity(), []
+    for motion in tied(steps, T_seen, covariance):
+        T = T @ motion
+        found.append(T.as_array())
+    np.testing.assert_allclose(found, graph.solve().poses[1:], atol=0.004)
+    assert math.hypot(found[1][0] - poses[2].x, found[1][1] - poses[2].y) > 0.05
+
+
+def test_steps_that_led_where_they_said_are_left_alone():
+    step = OpenStep(SE2(0.3, 0.0, 0.1), np.diag([4e-4, 1e-4, 9e-4]))
+    end = step.motion @ step.motion
+    spread = compose_covariance(step.covariance, step.motion, step.covariance)
+    for motion in tied([step, step], end, spread):
+        np.testing.assert_allclose(motion.as_array(), step.motion.as_array(), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("taken", "before"), [([False, True, True], 0), ([True, False], None), ([False], None)]
+)
+def test_a_run_begins_after_the_last_keyframe_that_saw_where_it_was(taken, before):
+    run = OpenRun(Mapper(SE2.identity()).config.front_end)
+    for index, is_open in enumerate(taken):
+        run.take(index, is_open)
+    assert run.is_empty == (before is None)
+    if before is not None:
+        assert run.before == before
