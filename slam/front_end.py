@@ -10,6 +10,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.candidates import Candidates, Prediction
+from slam.constant_velocity import ConstantVelocity
 from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
@@ -60,7 +61,7 @@ class FrontEnd:
         self._laser = FrozenLaser()
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
         self._pauses = Pauses(self.config.pauses)
-        self._moved, self._moved_in_s = SE2.identity(), 0.0
+        self._velocity = ConstantVelocity()
 
     def update(self, measurement: Measurement) -> FrontEndStep:
         """Places one scan."""
@@ -121,9 +122,10 @@ class FrontEnd:
                 )
                 self.scaled_steps[-1] = by_wheels
             self._open_run.take(len(self.keyframes) - 1, is_open)
-        # whom nobody sees does not go on for ever
-        moved = T_last.inverse() @ self.T_map_base if match is not None else SE2.identity()
-        self._moved, self._moved_in_s = moved, self._elapsed_s
+        if match is None:
+            self._velocity.stop()
+        else:
+            self._velocity.take(T_last.inverse() @ self.T_map_base, self._elapsed_s)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
         if match is not None and not is_new:
@@ -139,10 +141,7 @@ class FrontEnd:
         motion = measurement.motion
         if _is_told(measurement) or motion != SE2.identity():
             return motion
-        elapsed_s = measurement.time_s - self._last_s
-        if not 0.0 < elapsed_s < 2.0 * self._moved_in_s < math.inf:
-            return motion
-        return SE2.exp(elapsed_s / self._moved_in_s * self._moved.log())
+        return self._velocity.motion(measurement.time_s - self._last_s) or motion
 
     def _coasted(self, T_last: SE2, T_predicted: SE2) -> FloatArray:
         """(3, 3) covariance of a robot that goes on as it did: hardly twice as far, or as far back."""

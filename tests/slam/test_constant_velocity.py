@@ -1,10 +1,12 @@
 """Scans alone: a robot is looked for where it goes on as it did before."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from slam.constant_velocity import ConstantVelocity
 from slam.front_end import FrontEnd
 from slam.keyframes import StepStatus
 from slam.measurements import LaserScan, Measurement
@@ -106,3 +108,32 @@ def test_that_a_robot_goes_on_proves_nothing_of_where_it_is():
         scan = scan_of(bare, SE2(STEP_M * k, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
         front_end.update(Measurement(0.3 * k, SE2.identity(), scan, UNMEASURED))
     assert front_end.keyframes[-1].covariance[0, 0] > 0.9
+
+
+def test_one_scan_drawn_aside_does_not_lead_the_robot_on():
+    # offices with people: 0.3 m back at once, and as much again at each of ten scans between bare walls
+    velocity = ConstantVelocity()
+    for moved in (SE2(0.1, 0.0, 0.0), SE2(0.1, 0.0, 0.0), SE2(-0.3, 0.0, 0.0)):
+        velocity.take(moved, 0.3)
+    assert velocity.motion(0.3).is_near(SE2(0.1, 0.0, 0.0), 1e-9, 1e-9)
+
+
+def test_a_robot_turns_on_as_it_did_last():
+    velocity = ConstantVelocity()
+    for theta in (0.0, 0.0, 0.2):
+        velocity.take(SE2(0.0, 0.0, theta), 0.5)
+    assert velocity.motion(0.5).theta == pytest.approx(0.2)
+    assert velocity.motion(0.25).theta == pytest.approx(0.1)
+
+
+def test_nobody_knows_how_a_robot_goes_on_after_long_or_unseen():
+    velocity = ConstantVelocity()
+    assert velocity.motion(0.3) is None
+    velocity.take(SE2(0.1, 0.0, 0.0), 0.3)
+    assert velocity.motion(0.6) is None
+    assert velocity.motion(-0.1) is None
+    velocity.take(SE2(0.1, 0.0, 0.0), math.inf)  # the first scan of a log
+    assert velocity.motion(0.3) is None
+    velocity.take(SE2(0.1, 0.0, 0.0), 0.3)
+    velocity.stop()
+    assert velocity.motion(0.3) is None

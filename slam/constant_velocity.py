@@ -1,0 +1,45 @@
+"""A robot of which nobody measures how it moves: it goes on as it did."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.se2 import SE2
+
+_REMEMBERED = 3
+"""Motions of which one may be wrong: somebody in view draws a scan aside. Chosen."""
+_LATE = 2.0
+"""Times the last interval, after which nobody knows how the robot goes on. Chosen."""
+
+
+class ConstantVelocity:
+    """How a robot moved lately, by scans."""
+
+    def __init__(self) -> None:
+        self._velocities = deque[FloatArray](maxlen=_REMEMBERED)
+        self._last_s = 0.0
+
+    def take(self, moved: SE2, elapsed_s: float) -> None:
+        """A motion that took so long."""
+        if not 0.0 < elapsed_s < math.inf:
+            self._velocities.clear()
+            return
+        self._velocities.append(moved.log() / elapsed_s)
+        self._last_s = elapsed_s
+
+    def stop(self) -> None:
+        """Whom nobody sees does not go on for ever."""
+        self._velocities.clear()
+
+    def motion(self, elapsed_s: float) -> SE2 | None:
+        """As fast as it went in the median of the last times, and turning as in the last one; None
+        where that tells nothing."""
+        if not self._velocities or not 0.0 < elapsed_s < _LATE * self._last_s:
+            return None
+        last = np.array(self._velocities)
+        x, y, _ = last[-1] if len(last) < _REMEMBERED else np.median(last, axis=0)
+        return SE2.exp(elapsed_s * np.array([x, y, last[-1, 2]]))
