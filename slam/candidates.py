@@ -66,9 +66,10 @@ class Candidates:
         """The match of faced points (N, 3) where the wheels lead."""
         config, T_predicted = self._config, told.T_map_base
         match = self._surfaces.match(points, T_predicted, T_predicted, told.odometry)
-        if told.is_coasting:  # it may as well have stopped, or turned no more
+        if told.is_coasting or told.is_guess:  # it may as well have stopped; odometry have jumped
             stood = self._surfaces.match(points, told.T_last, T_predicted, told.odometry)
-            match = stood if stood.cost < match.cost - config.better else match
+            better = config.better if told.is_coasting else config.better_guess
+            match = stood if stood.cost < match.cost - better else match
         if told.squared(match) > config.trust:
             # walls seen for the first time may draw a scan along those known
             held = self._surfaces.match(

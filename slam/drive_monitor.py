@@ -37,13 +37,14 @@ stretches of simulated logs loops told 2 to 0.3 m and less, and 18 to 1.4 m and 
 @dataclass(frozen=True)
 class _Stretch:
     """Of the way, along what its scans leave open: from when to when [s], between which keyframes of
-    the session, and the variance of what the wheels tell of it."""
+    the session, and the variance of what the wheels tell of it; is_torn: odometry jumped there."""
 
     from_s: float
     to_s: float
     first: int
     last: int
     variance_m2: float
+    is_torn: bool = False
 
 
 class DriveMonitor:
@@ -51,11 +52,13 @@ class DriveMonitor:
 
     A step that the wheels deny, where the scan leaves a direction open, may have been far longer.
 
-    most_blind_m: by the wheels alone; after more, nobody knows how far these were off.
+    most_blind_m: by the wheels alone; after more, nobody knows how far these were off. is_second: the
+    drive was mapped before, and failed; loops say nothing then of how far odometry jumped between
+    walls that look the same: who looks twice is wrong twice as often.
     """
 
-    def __init__(self, most_blind_m: float) -> None:
-        self._most_blind_m = most_blind_m
+    def __init__(self, most_blind_m: float, is_second: bool = False) -> None:
+        self._most_blind_m, self._is_second = most_blind_m, is_second
         self._turned_together = self._turned_by_wheels = 0.0
         self._ways = ComparedWays()
         self._unknown_m2 = 0.0
@@ -64,13 +67,18 @@ class DriveMonitor:
         self._denials = _Denials()
 
     def take(
-        self, measurement: Measurement, T_before: SE2, step: FrontEndStep, told_m2: float
+        self,
+        measurement: Measurement,
+        T_before: SE2,
+        step: FrontEndStep,
+        told_m2: float,
+        has_jumped: bool = False,
     ) -> None:
         """Notes a scan; T_before: where the front end had placed the one before it; told_m2: variance
-        of the motion as it was told, whether it is believed or not."""
+        of the motion as it was told, whether it is believed or not; has_jumped: odometry did."""
         variance_m2 = float(measurement.motion_covariance[0, 0])
         self._unknown_m2 = 0.0 if _tells(step) else self._unknown_m2 + variance_m2
-        self._take_along(step, variance_m2)
+        self._take_along(step, variance_m2, has_jumped)
         is_matched = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED)
         is_measured = told_m2 < _KNOWN_M**2
         if not (is_matched and is_measured):
@@ -83,23 +91,30 @@ class DriveMonitor:
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
 
+    def _is_unknown(self, stretch: _Stretch) -> bool:
+        """Whether neither scans nor wheels tell how far the robot went."""
+        return stretch.is_torn or stretch.variance_m2 > self._most_blind_m**2
+
     @property
     def noise_ratio(self) -> float:
         """See `ComparedWays`."""
         return self._ways.noise_ratio
 
-    def _take_along(self, step: FrontEndStep, variance_m2: float) -> None:
+    def _take_along(self, step: FrontEndStep, variance_m2: float, has_jumped: bool) -> None:
         """How far nobody knows the robot went along what its scans leave open. Those that tell
         nothing are another matter: the next one that does says where the robot is."""
         if not _tells(step):
             return
         if step.is_open:
-            variance_m2 += self._open.variance_m2
             self._open = replace(
-                self._open, to_s=step.time_s, last=step.keyframe, variance_m2=variance_m2
+                self._open,
+                to_s=step.time_s,
+                last=step.keyframe,
+                variance_m2=self._open.variance_m2 + variance_m2,
+                is_torn=self._open.is_torn or has_jumped,
             )
             return
-        if self._open.variance_m2 > self._most_blind_m**2:  # up to the scan that sees again
+        if self._is_unknown(self._open):  # up to the scan that sees again
             self._long.append(replace(self._open, last=step.keyframe))
         self._open = _Stretch(step.time_s, step.time_s, step.keyframe, step.keyframe, 0.0)
 
@@ -113,10 +128,14 @@ class DriveMonitor:
         """
         said = blind_stretches(steps, self._most_blind_m)
         long = [*self._long, self._open]
-        long = [one for one in long if one.variance_m2 > self._most_blind_m**2]
+        long = [one for one in long if self._is_unknown(one)]
         # scans that seem to stand, all of one keyframe, no loop ties
         loose = [
-            one for one in long if one.first == one.last or between_m(one.first, one.last) > _TIED_M
+            one
+            for one in long
+            if one.first == one.last
+            or (one.is_torn and self._is_second)
+            or between_m(one.first, one.last) > _TIED_M
         ]
         if self._unknown_m2 > self._most_blind_m**2:
             said.append("neither scans nor wheels tell where the robot is at the end")

@@ -49,7 +49,8 @@ class FrontEndConfig:
     guess_inlier_ratio: in its place where nothing tells how far the robot went: a metre along a wall
     off, 0.85 of a scan fitted still.
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
-    pose found around must be better; better_against: one that the wheels contradict: odometry that
+    pose found around must be better; better_guess: one near the last, where wheels lead that know next
+    to nothing: of eight jumps along corridors 0.02 and more; better_against: one that the wheels contradict: odometry that
     jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the
     wheels may be wrong where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
     nothing: somebody stands before it. least_begun: points of a scan that begins a new piece where
@@ -81,6 +82,7 @@ class FrontEndConfig:
     least_inlier_ratio: float = 0.65
     least_seen_ratio: float = 0.3
     better: float = 0.03
+    better_guess: float = 0.01
     better_against: float = 0.24
     break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
     min_points: int = 20

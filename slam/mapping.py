@@ -67,7 +67,9 @@ class Mapper:
         self._joiner: SessionJoiner | None = None
         self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
         self._jumps = OdometryJumps()
-        self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
+        self._monitor = DriveMonitor(
+            self.config.front_end.blind_m[0], self.config.is_odometry_doubted
+        )
 
     @classmethod
     def continued(
@@ -99,13 +101,14 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
-        measurement = self._jumps.doubted(measurement)
+        told, measurement = measurement, self._jumps.doubted(measurement)
+        has_jumped = measurement is not told
         told_m2 = float(measurement.motion_covariance[0, 0])
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
         step = self._front_end.update(measurement)  # match with what was seen last
-        self._monitor.take(measurement, T_before, step, told_m2)
+        self._monitor.take(measurement, T_before, step, told_m2, has_jumped)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._first + step.keyframe)
         self._steps.append(replace(step, session=self._session))

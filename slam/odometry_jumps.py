@@ -14,7 +14,7 @@ _FAR_M, _FAR_BACK_M = 0.5, 0.3
 """Chosen: shorter jumps, ahead and backwards, are as a slip of wheels, which scans bear."""
 _FASTER = 2.0
 """Chosen: of the fastest of the steps remembered."""
-_STEPS, _LEAST = 50, 10
+_STEPS, _LEAST = 50, 5
 """Remembered, and needed to say how the robot drives. Chosen."""
 _MOVES_M = 0.02
 _AGAIN = 3

@@ -13,7 +13,7 @@ from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, faced
 from tests.slam import ring
-from tests.slam.synthetic import room, scan_of
+from tests.slam.synthetic import box, room, scan_of
 
 NEXT_DOOR = SE2(-1.2, 0.0, 0.0)
 
@@ -227,6 +227,22 @@ def test_what_is_held_along_the_open_direction_agrees_with_the_scan_in_all_other
     assert along @ held.information @ along < 1e-3 * (along @ match.information @ along) + 1.0
     assert 1.0 / (along @ held.covariance @ along) == pytest.approx(1e3, rel=0.05)
     assert np.linalg.eigvalsh(held.information).min() > -1e-6
+
+
+def test_after_odometry_jumped_a_scan_is_looked_for_where_the_robot_was_as_well():
+    # back along a corridor: but for the board on the wall ahead, it fits there as well, 0.02 worse
+    walls = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), box(3.0, 0.9, 3.15, 1.0)])
+    front_end, rng, pose = FrontEnd(SE2.identity()), np.random.default_rng(3), SE2.identity()
+    angles = np.radians(np.arange(-180.0, 180.0, 0.5))
+    for index in range(31):
+        has_jumped = index == 30
+        told = SE2(-1.6, 0.0, 0.0) if has_jumped else SE2(0.1, 0.0, 0.0)
+        noise = np.diag([1.6 if has_jumped else 0.02, 0.01, 0.01]) ** 2
+        scan = scan_of(walls, pose, rng, 0.01, angles, range_max_m=4.0)
+        motion = told if index else SE2.identity()
+        front_end.update(Measurement(0.3 * index, motion, scan, noise))
+        pose = pose @ SE2(0.1, 0.0, 0.0)
+    assert front_end.T_map_base.is_near(SE2(3.0, 0.0, 0.0), 0.1, 0.02)
 
 
 def test_odometry_that_stands_still_does_not_hold_what_sees_the_end_of_the_way():
