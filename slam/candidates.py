@@ -31,7 +31,7 @@ class Prediction:
 
     odometry: (3, 3) information by which matches are held there; not the inverse of the covariance
     if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
-    see `WheelScale`.
+    see `WheelScale`. jump: a motion that was told, and is not believed.
     """
 
     T_last: SE2
@@ -40,12 +40,20 @@ class Prediction:
     odometry: FloatArray
     noise: float
     is_coasting: bool
+    jump: SE2 | None = None
 
     @property
     def is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""
         P = self.covariance
         return bool(max(P[0, 0], P[1, 1]) > GUESS_M**2 or P[2, 2] > _GUESS_RAD**2)
+
+    @property
+    def others(self) -> list[SE2]:
+        """Where the robot may be as well: it has stopped, or odometry was right after all."""
+        if not (self.is_coasting or self.is_guess):
+            return []
+        return [self.T_last] if self.jump is None else [self.T_last, self.T_last @ self.jump]
 
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""
@@ -66,10 +74,10 @@ class Candidates:
         """The match of faced points (N, 3) where the wheels lead."""
         config, T_predicted = self._config, told.T_map_base
         match = self._surfaces.match(points, T_predicted, T_predicted, told.odometry)
-        if told.is_coasting or told.is_guess:  # it may as well have stopped; odometry have jumped
-            stood = self._surfaces.match(points, told.T_last, T_predicted, told.odometry)
-            better = config.better if told.is_coasting else config.better_guess
-            match = stood if stood.cost < match.cost - better else match
+        better = config.better if told.is_coasting else config.better_guess
+        for start in told.others:
+            other = self._surfaces.match(points, start, T_predicted, told.odometry)
+            match = other if other.cost < match.cost - better else match
         if told.squared(match) > config.trust:
             # walls seen for the first time may draw a scan along those known
             held = self._surfaces.match(

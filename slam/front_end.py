@@ -63,8 +63,9 @@ class FrontEnd:
         self._pauses = Pauses(self.config.pauses)
         self._velocity = ConstantVelocity()
 
-    def update(self, measurement: Measurement) -> FrontEndStep:
-        """Places one scan."""
+    def update(self, measurement: Measurement, jump: SE2 | None = None) -> FrontEndStep:
+        """Places one scan; jump: a motion that odometry told in the place of the measurement's, by which
+        nobody goes: the scan is asked."""
         beams = self._beams(measurement)
         points = self._seen(beams)
         T_last = self.T_map_base
@@ -75,7 +76,17 @@ class FrontEnd:
         self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
         self._blind_m += self._way_m(measurement)
         is_coasting = motion is not measurement.motion
-        match, status = self._placed(measurement, points, beams, T_last, T_predicted, is_coasting)
+        held = self._coasted(T_last, T_predicted) if is_coasting else self._P
+        told = Prediction(
+            T_last,
+            T_predicted,
+            self._P,
+            inverse_of(held),
+            self.wheel_scale.noise,
+            is_coasting,
+            jump,
+        )
+        match, status = self._placed(measurement, points, beams, told)
         passed_ratio = self._passed(match.T_map_base, beams) if match is not None else 0.0
         if passed_ratio > self.config.most_passed:
             match, status = None, StepStatus.BROKEN
@@ -223,9 +234,7 @@ class FrontEnd:
         measurement: Measurement,
         points: FloatArray,
         beams: Beams,
-        T_last: SE2,
-        T_predicted: SE2,
-        is_coasting: bool,
+        told: Prediction,
     ) -> tuple[SurfaceMatch | None, StepStatus]:
         """The match of a scan to be believed, if there is one."""
         config, is_frozen = self.config, self._laser.repeats(measurement.scan)
@@ -235,10 +244,6 @@ class FrontEnd:
         most_m = config.blind_m if _is_told(measurement) else (config.guess_blind_m,) * 2
         if self._blind_m > most_m[1]:
             return None, StepStatus.BROKEN
-        held = self._coasted(T_last, T_predicted) if is_coasting else self._P
-        told = Prediction(
-            T_last, T_predicted, self._P, inverse_of(held), self.wheel_scale.noise, is_coasting
-        )
         led = match = self._candidates.led(points, told)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio

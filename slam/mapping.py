@@ -102,13 +102,13 @@ class Mapper:
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
         told, measurement = measurement, self._jumps.doubted(measurement)
-        has_jumped = measurement is not told
+        jump = told.motion if measurement is not told else None
         told_m2 = float(measurement.motion_covariance[0, 0])
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
-        step = self._front_end.update(measurement)  # match with what was seen last
-        self._monitor.take(measurement, T_before, step, told_m2, has_jumped)
+        step = self._front_end.update(measurement, jump)  # match with what was seen last
+        self._monitor.take(measurement, T_before, step, told_m2, jump is not None)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._first + step.keyframe)
         self._steps.append(replace(step, session=self._session))

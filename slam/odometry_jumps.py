@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.measurements import Measurement
+from slam.se2 import SE2
 
 _FAR_M, _FAR_BACK_M = 0.5, 0.3
 """Chosen: shorter jumps, ahead and backwards, are as a slip of wheels, which scans bear."""
@@ -24,15 +25,16 @@ _TURN_RAD = 0.3
 
 
 class OdometryJumps:
-    """Knows how fast the robot goes, and which way, and takes a jump for as unsure as it is long: then
-    its scans say where it is."""
+    """Knows how fast the robot goes, and which way. Where odometry jumps it goes on as it did, turning
+    as it is told; that is as unsure as the jump is long: then its scans say where it is."""
 
     def __init__(self) -> None:
         self._steps: deque[tuple[float, float]] = deque(maxlen=_STEPS)
         self._last_s, self._in_a_row = math.inf, 0
+        self._velocity_mps = 0.0, 0.0
 
     def doubted(self, measurement: Measurement) -> Measurement:
-        """The measurement; of odometry that jumped, one whose motion tells next to nothing."""
+        """The measurement; of odometry that jumped, one of another motion, which tells next to nothing."""
         elapsed_s, self._last_s = measurement.time_s - self._last_s, measurement.time_s
         motion = measurement.motion
         way_m = math.hypot(motion.x, motion.y)
@@ -48,8 +50,13 @@ class OdometryJumps:
             if is_fast or is_back:
                 self._in_a_row += 1
                 doubt = np.diag(np.square([way_m, way_m, _TURN_RAD]))
-                covariance = measurement.motion_covariance + doubt
-                return replace(measurement, motion_covariance=covariance)
+                x, y = (elapsed_s * one for one in self._velocity_mps)
+                return replace(
+                    measurement,
+                    motion=SE2(x, y, motion.theta),
+                    motion_covariance=measurement.motion_covariance + doubt,
+                )
         self._in_a_row = 0
+        self._velocity_mps = motion.x / elapsed_s, motion.y / elapsed_s
         self._steps.append((speed_mps, -motion.x))
         return measurement

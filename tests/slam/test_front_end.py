@@ -245,6 +245,20 @@ def test_after_odometry_jumped_a_scan_is_looked_for_where_the_robot_was_as_well(
     assert front_end.T_map_base.is_near(SE2(3.0, 0.0, 0.0), 0.1, 0.02)
 
 
+@pytest.mark.parametrize("true_m", [0.2, -1.5])
+def test_motion_that_was_not_believed_is_where_a_scan_is_looked_for_too(true_m):
+    walls, rng = room(-4.0, -2.0, 5.0, 3.0), np.random.default_rng(3)
+    front_end, told = FrontEnd(SE2.identity()), SE2(0.2, 0.0, 0.0)
+    for index in range(6):
+        scan = scan_of(walls, SE2(0.2 * index, 0.0, 0.0), rng, 0.01)
+        motion = told if index else SE2.identity()
+        front_end.update(Measurement(0.5 * index, motion, scan, np.eye(3) * 0.02**2))
+    scan = scan_of(walls, SE2(1.0 + true_m, 0.0, 0.0), rng, 0.01)
+    doubted = Measurement(3.0, told, scan, np.diag([1.5, 1.5, 0.3]) ** 2)
+    front_end.update(doubted, SE2(-1.5, 0.0, 0.0))
+    assert front_end.T_map_base.is_near(SE2(1.0 + true_m, 0.0, 0.0), 0.03, 0.01)
+
+
 def test_odometry_that_stands_still_does_not_hold_what_sees_the_end_of_the_way():
     # the end wall, a few of many beams, is an outlier once the wheels have held the scan for a while
     walls, half_circle = room(-2.0, -1.0, 14.0, 1.0), np.radians(np.arange(-90.0, 90.5, 0.5))
