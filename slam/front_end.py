@@ -252,6 +252,9 @@ class FrontEnd:
             best = self._candidates.around(points, told)
             if self._candidates.is_better(best, led, told, points, beams):
                 match, status = best, StepStatus.SEARCHED
+        is_weak = len(points) < config.least_begun and not is_blind
+        if is_weak and not told.is_guess and told.squared(match) > config.trust:
+            return None, StepStatus.CARRIED  # few points against the wheels
         fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
         if fits and not is_blind:
             return match, status

@@ -54,7 +54,8 @@ class FrontEndConfig:
     jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the
     wheels may be wrong where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
     nothing: somebody stands before it. least_begun: points of a scan that begins a new piece where
-    scans broke off: fewer, among trees, fit what they should not. blind_m: by the wheels alone;
+    scans broke off: fewer, among trees, fit what they should not, and against the wheels are believed
+    nothing. blind_m: by the wheels alone;
     after more than the first, a scan that fits may be one that looks the same, unless it is borne out,
     after more than the second any; guess_blind_m: where wheels are no more than a guess; fastest_mps:
     wheels that tell of more have jumped. least_facing: share of a scan across a direction, below

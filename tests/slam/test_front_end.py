@@ -259,6 +259,27 @@ def test_motion_that_was_not_believed_is_where_a_scan_is_looked_for_too(true_m):
     assert front_end.T_map_base.is_near(SE2(1.0 + true_m, 0.0, 0.0), 0.03, 0.01)
 
 
+@pytest.mark.parametrize(
+    ("beams", "off_m", "status"),
+    [
+        (30, 0.0, StepStatus.MATCHED),
+        # a hall by a laser of 8 m: 22 points drew the first keyframe 0.2 m aside
+        (30, 0.3, StepStatus.CARRIED),
+        (60, 0.3, StepStatus.SEARCHED),
+    ],
+)
+def test_few_points_are_not_believed_against_the_wheels(beams, off_m, status):
+    walls, angles = (
+        room(-2.0, -1.5, 2.0, 1.5),
+        np.linspace(-math.pi, math.pi, beams, endpoint=False),
+    )
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(3)
+    for index in range(3):
+        scan = scan_of(walls, SE2(off_m * (index == 2), 0.0, 0.0), rng, 0.01, angles)
+        step = front_end.update(Measurement(0.5 * index, SE2.identity(), scan, np.eye(3) * 0.02**2))
+    assert step.status is status
+
+
 def test_odometry_that_stands_still_does_not_hold_what_sees_the_end_of_the_way():
     # the end wall, a few of many beams, is an outlier once the wheels have held the scan for a while
     walls, half_circle = room(-2.0, -1.0, 14.0, 1.0), np.radians(np.arange(-90.0, 90.5, 0.5))
