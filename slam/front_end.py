@@ -68,55 +68,18 @@ class FrontEnd:
         nobody goes: the scan is asked."""
         beams = self._beams(measurement)
         points = self._seen(beams)
-        T_last = self.T_map_base
-        motion = self._motion(measurement)
-        T_predicted = T_last @ self.wheel_scale.scaled(motion)
-        spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
-        self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
-        self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
-        self._blind_m += self._way_m(measurement)
-        is_coasting = motion is not measurement.motion
-        held = self._coasted(T_last, T_predicted) if is_coasting else self._P
-        told = Prediction(
-            T_last,
-            T_predicted,
-            self._P,
-            inverse_of(held),
-            self.wheel_scale.noise,
-            is_coasting,
-            jump,
-        )
-        match, status = self._placed(measurement, points, beams, told)
-        passed_ratio = self._passed(match.T_map_base, beams) if match is not None else 0.0
-        if passed_ratio > self.config.most_passed:
-            match, status = None, StepStatus.BROKEN
-        if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
-            status = StepStatus.CARRIED
-        if status is StepStatus.BROKEN:
-            self._P = self._P + np.diag(np.square(self.config.break_sigma))
-        told_P = self._P
-        if status is StepStatus.SEARCHED:  # the wheels may have been wrong just here
-            reach_m, reach_rad = self.config.reach_m, self.config.reach_rad
-            told_P = told_P + np.diag(np.square([reach_m, reach_m, reach_rad]))
-        self.loose_runs.lead_to(T_predicted, told_P)
-        self.T_map_base, inlier_ratio = T_predicted, 0.0
+        told = self._predicted(measurement, jump)
+        match, status, passed_ratio = self._believed(measurement, points, beams, told)
         is_open = match is not None and self._is_open(match)
-        tied: SE2 | None = None
+        by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
+        self.loose_runs.lead_to(told.T_map_base, by_wheels.covariance)
+        self.T_map_base = told.T_map_base
         if match is not None:
-            if is_coasting:  # that it goes on as it did holds a search, and proves nothing
-                match = replace(match, joined=match.information + inverse_of(self._P))
-            if is_open and status is StepStatus.MATCHED:
-                match = match.held_along_open(T_predicted, inverse_of(self._P))
-            elif is_open:  # wheels that it contradicts tell nothing of how far along it lies
-                match = match.loosened_along_open(self.config.reach_m)
-            by_wheels = self.wheel_scale.step
-            self._learn_scale(T_predicted, match)
+            match = self._joined(match, status, told, is_open)
+            self._learn_scale(told.T_map_base, match)
             if not (is_open or self._open_run.is_empty):
-                step = OpenStep(self.keyframes[-1].T_map_base.inverse() @ T_predicted, told_P)
-                tied = self._tied(points, match, step)
-            self.T_map_base, self._P, inlier_ratio = (
-                tied or match.T_map_base, match.covariance, match.inlier_ratio
-            )  # fmt: skip
+                tied = self._tied(points, match, by_wheels)
+            self.T_map_base, self._P = tied or match.T_map_base, match.covariance
         is_new = tied is not None or self._is_new(status, points)
         if self.keyframes and not is_new and (is_open or status is StepStatus.CARRIED):
             self.loose_runs.add(self._scans, self.T_map_base, self._P)
@@ -127,24 +90,75 @@ class FrontEnd:
             self._blind_m = 0.0
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
-            if tied is not None:  # the way to it is told by the wheels; by scans, from before these
+            if (
+                tied is not None
+            ):  # the way to it is told by the wheels; by scans, from before the run
                 self.keyframes[-1] = replace(
-                    self.keyframes[-1], T_before=step.motion, covariance=step.covariance
+                    self.keyframes[-1], T_before=by_wheels.motion, covariance=by_wheels.covariance
                 )
-                self.scaled_steps[-1] = by_wheels
+                self.scaled_steps[-1] = scaled
             self._open_run.take(len(self.keyframes) - 1, is_open)
         if match is None:
             self._velocity.stop()
         else:
-            self._velocity.take(T_last.inverse() @ self.T_map_base, self._elapsed_s)
+            self._velocity.take(told.T_last.inverse() @ self.T_map_base, self._elapsed_s)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
         if match is not None and not is_new:
             self.glances[-1].take(T_keyframe_base, beams)
         return FrontEndStep(
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
-            inlier_ratio, is_new, is_open=is_open, passed_ratio=passed_ratio,
+            0.0 if match is None else match.inlier_ratio, is_new, is_open=is_open,
+            passed_ratio=passed_ratio,
         )  # fmt: skip
+
+    def _predicted(self, measurement: Measurement, jump: SE2 | None) -> Prediction:
+        """Where the wheels lead; the covariance since the last keyframe grows by that."""
+        T_last, motion = self.T_map_base, self._motion(measurement)
+        T_predicted = T_last @ self.wheel_scale.scaled(motion)
+        spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
+        self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
+        self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
+        self._blind_m += self._way_m(measurement)
+        is_coasting = motion is not measurement.motion
+        odometry = inverse_of(self._coasted(T_last, T_predicted) if is_coasting else self._P)
+        noise = self.wheel_scale.noise
+        return Prediction(T_last, T_predicted, self._P, odometry, noise, is_coasting, jump)
+
+    def _believed(
+        self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction
+    ) -> tuple[SurfaceMatch | None, StepStatus, float]:
+        """The match of a scan to be believed, if there is one, and what it looks through there."""
+        match, status = self._placed(measurement, points, beams, told)
+        passed_ratio = self._passed(match.T_map_base, beams) if match is not None else 0.0
+        if passed_ratio > self.config.most_passed:
+            match, status = None, StepStatus.BROKEN
+        if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
+            status = StepStatus.CARRIED
+        return match, status, passed_ratio
+
+    def _by_wheels(self, told: Prediction, status: StepStatus) -> OpenStep:
+        """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,
+        and just where one was found by a search alone."""
+        covariance, config = self._P, self.config
+        if status is StepStatus.BROKEN:
+            covariance = self._P = self._P + np.diag(np.square(config.break_sigma))
+        elif status is StepStatus.SEARCHED:
+            reach = config.reach_m, config.reach_m, config.reach_rad
+            covariance = self._P + np.diag(np.square(reach))
+        T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
+        return OpenStep(T_keyframe.inverse() @ told.T_map_base, covariance)
+
+    def _joined(
+        self, match: SurfaceMatch, status: StepStatus, told: Prediction, is_open: bool
+    ) -> SurfaceMatch:
+        """What a match tells together with the wheels."""
+        if told.is_coasting:  # that it goes on as it did holds a search, and proves nothing
+            match = replace(match, joined=match.information + inverse_of(self._P))
+        if is_open and status is StepStatus.MATCHED:
+            return match.held_along_open(told.T_map_base, inverse_of(self._P))
+        # wheels that it contradicts tell nothing of how far along it lies
+        return match.loosened_along_open(self.config.reach_m) if is_open else match
 
     def _motion(self, measurement: Measurement) -> SE2:
         """Since the last scan; where nothing measured it, as fast as the one before: of nine simulated

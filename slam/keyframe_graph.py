@@ -9,7 +9,7 @@ import numpy as np
 from slam.arrays import FloatArray, IntArray
 from slam.kernels.graph_ways import ways_from
 from slam.keyframes import Keyframe
-from slam.loop_closing import Loop
+from slam.loop_closing import Loop, without_ties
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
 from slam.se2 import SE2
 from slam.slam_map import add_loop, add_step, graph_of
@@ -33,7 +33,12 @@ class KeyframeGraph:
         self.loops: list[Loop] = []
         self._step_sigma = step_sigma
         self._graph, self._loop_edges, self._breaks = PoseGraph(), list[int](), list[int]()
-        self._held_ends = _ends_of([])
+        self._held_ends, self._tie_count = _ends_of([]), 0
+
+    @property
+    def loop_count(self) -> int:
+        """Loops at which a place is seen again: ties left out."""
+        return len(self.loops) - self._tie_count
 
     def __len__(self) -> int:
         return len(self.keyframes)
@@ -56,6 +61,7 @@ class KeyframeGraph:
         self._graph = graph_of(keyframes, loops, poses, self._step_sigma)
         steps = max(len(keyframes) - 1, 0)
         self.keyframes, self.loops = keyframes, loops
+        self._tie_count = len(loops) - len(without_ties(loops))
         self._held_ends = _ends_of(loops)
         self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
         self._loop_edges = list(range(steps, steps + len(loops)))
@@ -90,6 +96,7 @@ class KeyframeGraph:
         """More loops."""
         for loop in loops:
             self._loop_edges.append(add_loop(self._graph, loop))
+            self._tie_count += loop.is_tie
         self.loops += loops
 
     def solve(self, max_iterations: int | None = None) -> PoseGraphSolution:

@@ -14,22 +14,20 @@ from slam.front_end import FrontEnd
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.loop_closing import Loop, LoopCloser, without_ties
+from slam.loop_closing import Loop, LoopCloser
 from slam.loose_runs import smoothed
-from slam.map_consistency import acquitted, do_contradict, judged
+from slam.map_consistency import acquitted, judged
 from slam.map_drift import between_m, too_far_adrift
+from slam.map_session import MapSession
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.odometry_jumps import OdometryJumps
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
 from slam.se2 import SE2, wrap_angle
-from slam.session_joining import SessionJoiner, set_aside
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.strays import without_strays
 
-_ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
-"""Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
 to the next."""
@@ -61,11 +59,8 @@ class Mapper:
         self._graph = KeyframeGraph(self.config.step_sigma)
         self._steps: list[FrontEndStep] = []
         self._has_new = False
-        self._session = self._first = self._first_step = 0
-        self._known_poses: FloatArray = np.empty((0, 3))
-        self._start = self.T_map_base = SE2.identity()
-        self._joiner: SessionJoiner | None = None
-        self._is_joined, self._is_start_unknown, self._check_at = True, False, math.inf
+        self._session = MapSession(self._graph, self.config)
+        self.T_map_base = SE2.identity()
         self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(
             self.config.front_end.blind_m[0], self.config.is_odometry_doubted
@@ -91,12 +86,18 @@ class Mapper:
                 " it: continue the map as it was before that one"
             )
         mapper = cls(T_base_laser, config)
-        mapper._begin_session(slam_map, start)
+        mapper._steps = list(slam_map.steps)
+        loops = [*slam_map.loops, *slam_map.rejected]
+        mapper._graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
+        mapper._session = MapSession.after(
+            slam_map, start, mapper._graph, mapper._closer, mapper.config
+        )
+        mapper.T_map_base = mapper._session.start
         return mapper
 
     def update(self, measurement: Measurement) -> MapperStep:
         """Places one scan, and closes the loops that it shows."""
-        if self._session > 0 and len(self._steps) == self._first_step:
+        if self._session.number > 0 and len(self._steps) == self._session.first_step:
             # a session begins with its first scan, whatever the wheels did before
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
@@ -110,18 +111,18 @@ class Mapper:
         step = self._front_end.update(measurement, jump)  # match with what was seen last
         self._monitor.take(measurement, T_before, step, told_m2, jump is not None)
         if step.keyframe >= 0:
-            step = replace(step, keyframe=self._first + step.keyframe)
-        self._steps.append(replace(step, session=self._session))
+            step = replace(step, keyframe=self._session.first + step.keyframe)
+        self._steps.append(replace(step, session=self._session.number))
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
             self._tie_last()
-        self._look_for_join()
-        self.T_map_base = self._start @ step.T_map_base
+        self._session.look_for_join(self._front_end.usual_interval_s)
+        self.T_map_base = self._session.start @ step.T_map_base
         if step.keyframe >= 0:
             self.T_map_base = self._graph.pose(step.keyframe) @ step.T_keyframe_base
         return MapperStep(
-            step.time_s, self.T_map_base, step.status, step.inlier_ratio, len(without_ties(self._graph.loops)),
-            self._is_joined,
+            step.time_s, self.T_map_base, step.status, step.inlier_ratio, self._graph.loop_count,
+            self._session.is_joined,
         )  # fmt: skip
 
     @property
@@ -136,7 +137,7 @@ class Mapper:
         asked, and less complete matches will do. What comes of it is kept if the map holds together
         better; a map that had failed is not acquitted by such loops alone.
         """
-        self._look_for_join(is_end=True)
+        self._session.look_for_join(math.inf)
         self._rescale()
         self._put_strays_back()
         slam_map = self._held_together()
@@ -149,7 +150,8 @@ class Mapper:
     def _between_m(self, slam_map: SlamMap, one: int, other: int) -> float:
         """How sure a map is of how two keyframes of the session lie [m], other after one; not at all
         where loops to those between them, or beside, contradict the others: either may be false."""
-        one, other, beside = self._first + one, self._first + other, self.config.consistency.beside
+        first, beside = self._session.first, self.config.consistency.beside
+        one, other = first + one, first + other
         ends = [end for loop in slam_map.rejected for end in (loop.earlier, loop.later)]
         if any(one - beside <= end <= other + beside for end in ends):
             return math.inf
@@ -162,7 +164,7 @@ class Mapper:
         keyframes, poses = rescaled(graph.keyframes, front_end.scaled_steps, scale), graph.poses
         front_end.scaled_steps = [replace(step, scale=scale) for step in front_end.scaled_steps]
         if not graph.loops:
-            poses = chained(keyframes, poses, self._first)
+            poses = chained(keyframes, poses, self._session.first)
         graph.renew(keyframes, graph.loops, poses)
 
     def _put_strays_back(self) -> None:
@@ -176,8 +178,8 @@ class Mapper:
         )  # fmt: skip
         for k in strays:  # these steps are the scans' alone, whatever the wheels' scale
             for at in (k, k + 1):
-                step = scaled[at - self._first]
-                scaled[at - self._first] = replace(step, slope=np.zeros(3))
+                step = scaled[at - self._session.first]
+                scaled[at - self._session.first] = replace(step, slope=np.zeros(3))
         if strays:
             graph.renew(keyframes, loops, poses)
 
@@ -187,7 +189,7 @@ class Mapper:
         slam_map = again = self._finished(self._closer, config.loops.every)
         first = slam_map.verdict
         is_sound = first.is_good and first.bad_pairs <= config.consistency.doubtful_pairs
-        if is_sound or not self._graph.loops or not self._is_joined:
+        if is_sound or not self._graph.loops or not self._session.is_joined:
             return slam_map
         before = list(self._graph.loops), self._graph.poses.copy()
         loops = replace(config.loops, least_inlier_ratio=config.patient_inlier_ratio)
@@ -204,37 +206,29 @@ class Mapper:
 
     def _finished(self, closer: LoopCloser, every: int) -> SlamMap:
         """The map with the loops that a closer finds beside those known."""
-        kept, rejected = self._graph.loops, list[Loop]()
+        session, kept, rejected = self._session, self._graph.loops, list[Loop]()
         if self._graph.loops:
             kept, rejected = self._adjusted(closer, every)
-            if not self._holds():
-                self._unjoin()
+            if not self._session.holds():
+                self._session.unjoin()
                 if self._graph.loops:
                     kept, rejected = self._adjusted(closer, every)
                 else:
                     kept, rejected = [], []
         keyframes, poses = self._graph.keyframes.copy(), self._graph.poses
-        if self._is_joined:
+        if session.is_joined:
             poses = jointly_adjusted(
                 keyframes, kept, poses, self.config.adjustment, self.config.front_end.surfaces
             )
-        else:  # what was not joined is set against nothing, and moves nothing
-            poses = np.concatenate([self._known_poses, poses[self._first :]])
-        if 0 < self._first < len(keyframes):
-            if not self._is_joined and self._is_start_unknown:
-                poses = set_aside(keyframes, poses, self._first)
-            before, after = SE2.from_array(poses[self._first - 1]), poses[self._first]
-            keyframes[self._first] = replace(
-                keyframes[self._first], T_before=before.inverse() @ SE2.from_array(after)
-            )
+        else:
+            poses = session.kept_apart(poses)
+        poses = session.set_beside(keyframes, poses)
         verdict = judged(keyframes, poses, kept, rejected, self.config.consistency)
-        if self._first == len(keyframes) and len(self._steps) > self._first_step > 0:
-            said = f"session {self._session + 1} has no scan that tells anything"
-            verdict = replace(verdict, is_good=False, reasons=(*verdict.reasons, said))
+        verdict = verdict.with_reasons(session.objections(keyframes, self._steps))
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
         runs = self._front_end.loose_runs.ended
-        steps = smoothed(self._steps, runs, self._first_step, keyframes, poses)
-        for k, glances in enumerate(self._front_end.glances, start=self._first):
+        steps = smoothed(self._steps, runs, self._session.first_step, keyframes, poses)
+        for k, glances in enumerate(self._front_end.glances, start=self._session.first):
             if not keyframes[k].is_place_alone:
                 keyframes[k] = replace(keyframes[k], glances=glances.kept)
         return SlamMap(
@@ -247,35 +241,17 @@ class Mapper:
         known = {(loop.earlier, loop.later) for loop in self._graph.loops}
         # those of the sessions before were asked when these ended
         asked = [k for k in range(len(self._graph.keyframes)) if k % every == 0]
-        asked = [k for k in asked if k >= self._first]
+        asked = [k for k in asked if k >= self._session.first]
         found = [loop for k in asked for loop in self._found(closer, k)]
         self._graph.take([one for one in found if (one.earlier, one.later) not in known])
         return self._graph.sorted_loops()
 
-    def _begin_session(self, slam_map: SlamMap, start: SE2 | None) -> None:
-        """Takes over all that was mapped before."""
-        self._steps = list(slam_map.steps)
-        self._first, self._first_step = len(slam_map.keyframes), len(self._steps)
-        self._known_poses = slam_map.poses
-        self._session = slam_map.session_count
-        loops = [*slam_map.loops, *slam_map.rejected]
-        self._graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
-        if self._graph.keyframes:
-            self._is_joined, self._is_start_unknown = False, start is None
-            self._start = start or SE2.identity()
-            self._joiner = SessionJoiner(
-                self._graph.keyframes,
-                slam_map.poses,
-                self._closer,
-                start is not None,
-                self.config.joining,
-            )
-
     def _add_keyframe(self, keyframe: Keyframe) -> None:
         """Notes where the keyframe is seen from the last one, and the loops that it closes."""
         config, index = self.config, len(self._graph)
-        keyframe = self._of_session(keyframe, index)
-        self._graph.add(keyframe)
+        if index == self._session.first:
+            self._place_before(keyframe)
+        self._graph.add(self._session.own(keyframe))
         every = config.loops.every
         if index % every == 0 and (
             index % (every * config.crowd_every) == 0 or not self._is_crowded(index)
@@ -287,12 +263,9 @@ class Mapper:
         if self._has_new and index % config.solve_every == 0:
             self._graph.solve(config.online_iterations)
             self._has_new = False
-        if self._is_joined:
+        if self._session.is_joined:
             self._thin_crowd(index - 2 * config.front_end.window)
-        if index >= self._check_at:
-            self._check_at = index + 2 * (index - self._first)
-            if not self._holds(config.joining.most_checked):
-                self._unjoin()
+        self._session.check()
 
     def _tie_last(self) -> None:
         """Ties the last keyframe to the one before those that left open how far the robot went, if
@@ -302,18 +275,18 @@ class Mapper:
             return
         tie, poses = front_end.ties[-1], graph.poses
         placed = [one.T_map_base for one in front_end.keyframes[tie.earlier :]]
-        first = self._first + tie.earlier
+        first = self._session.first + tie.earlier
         T_map_session = graph.pose(first) @ placed[0].inverse()
         poses[first:] = [(T_map_session @ pose).as_array() for pose in placed]
         graph.set_poses(poses)
-        graph.take([replace(tie, earlier=first, later=self._first + tie.later)])
+        graph.take([replace(tie, earlier=first, later=self._session.first + tie.later)])
         self._has_new = True
 
     def _thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw."""
-        if index >= self._first and self._is_crowded(index):
+        if index >= self._session.first and self._is_crowded(index):
             self._graph.keyframes[index] = self._graph.keyframes[index].place_alone()
-            self._front_end.keep_place_alone(index - self._first)
+            self._front_end.keep_place_alone(index - self._session.first)
 
     def _is_crowded(self, index: int) -> bool:
         """Whether there are scans enough from about where a keyframe is."""
@@ -324,57 +297,12 @@ class Mapper:
         has_scan = (not self._graph.keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
         return sum(has_scan) > config.crowd
 
-    def _of_session(self, keyframe: Keyframe, index: int) -> Keyframe:
-        """The keyframe with its session; the first of one is seen from no other."""
-        keyframe = replace(keyframe, session=self._session)
-        if index != self._first:
-            return keyframe
-        back = keyframe.T_map_base.inverse()
-        for at in range(self._first_step, len(self._steps)):  # scans before, which told nothing
+    def _place_before(self, keyframe: Keyframe) -> None:
+        """Has the session's scans before its first keyframe, which told nothing, seen from that."""
+        back, first = keyframe.T_map_base.inverse(), self._session.first
+        for at in range(self._session.first_step, len(self._steps)):
             step = self._steps[at]
-            self._steps[at] = replace(step, keyframe=index, T_keyframe_base=back @ step.T_map_base)
-        if index == 0:
-            return keyframe
-        way = self._graph.pose(index - 1).inverse() @ self._start @ keyframe.T_map_base
-        return replace(keyframe, T_before=way, covariance=_ANYWHERE, is_break=True)
-
-    @property
-    def _comparable(self) -> range | None:
-        """The keyframes of which it is known where they lie as seen from the last one; None: all."""
-        return None if self._is_joined else range(self._first, len(self._graph.keyframes))
-
-    def _look_for_join(self, is_end: bool = False) -> None:
-        """Joins the session with the map, if its keyframes show where it lies; is_end: no scan waits."""
-        if self._joiner is None or self._is_joined:
-            return
-        poses = self._graph.poses
-        time_s = math.inf if is_end else self._front_end.usual_interval_s
-        join = self._joiner.look(self._graph.keyframes, poses, time_s)
-        if join is None:
-            return
-        self._graph.set_poses(join.moved(poses, self._first))
-        self._graph.take(join.loops)
-        self._graph.solve(self.config.online_iterations)  # from now on they tell how far things are
-        self._is_joined = True
-        self._check_at = len(self._graph.keyframes) - 1 + self.config.joining.first_check
-
-    def _holds(self, most_pairs: int | None = None) -> bool:
-        """Whether the session's scans may have been taken where it was joined with the map."""
-        if self._joiner is None or not self._is_joined:
-            return True
-        against = self.config.joining.against
-        if most_pairs is not None:
-            against = replace(against, most_pairs=most_pairs)
-        return not do_contradict(self._graph.keyframes, self._graph.poses, self._first, against)
-
-    def _unjoin(self) -> None:
-        """Takes back a join that was wrong: the session is a piece of its own again."""
-        assert self._joiner is not None
-        first = self._first
-        loops = [one for one in self._graph.loops if not one.earlier < first <= one.later]
-        self._graph.renew(self._graph.keyframes, loops, self._graph.poses)
-        self._joiner.reject()
-        self._is_joined, self._check_at = False, math.inf
+            self._steps[at] = replace(step, keyframe=first, T_keyframe_base=back @ step.T_map_base)
 
     def _found(self, closer: LoopCloser, index: int) -> list[Loop]:
         """The loops that a keyframe closes; looked for as far as it may have drifted on the way from
@@ -384,5 +312,5 @@ class Mapper:
         sigma_m = np.minimum(config.start_m + config.drift_m * ways_m, most_m)
         sigma_rad = np.minimum(config.start_rad + config.drift_rad * ways_m, config.most_drift[1])
         return closer.found(
-            graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._comparable
+            graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._session.comparable
         )

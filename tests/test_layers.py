@@ -89,7 +89,8 @@ RANKS = (
         "frozen_laser",
         "pauses",
         "wheel_prior",
-        "carried",
+        "constant_velocity",
+        "surface_window",
     }
     | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
     {
@@ -111,6 +112,8 @@ RANKS = (
         "front_end_config",
         "open_matches",
         "candidates",
+        "loose_runs",
+        "open_runs",
         "odometry_jumps",
         "contradictions",
         "witnesses",
@@ -133,7 +136,7 @@ RANKS = (
         "wheel_calibration",
         "sharpness",
     },
-    {"localization", "known_map", "mapping", "session_joining", "joint_adjustment"}
+    {"localization", "known_map", "mapping", "map_session", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
     | {"open_ways"},
 )

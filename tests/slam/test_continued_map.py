@@ -190,7 +190,7 @@ def test_mapper_can_be_sent_elsewhere_in_the_middle_of_its_search(first):
     config = MapperConfig(joining=JoiningConfig(work=5.0))
     mapper = Mapper.continued(first, ring.T_BASE_LASER, config=config)
     measurements = iter(ring.drive(SECOND, np.random.default_rng(1)))
-    while mapper._joiner._task is None:
+    while mapper._session._joiner._task is None:
         mapper.update(next(measurements))
     elsewhere = pickle.loads(pickle.dumps(mapper))
     for one in measurements:
