@@ -13,6 +13,7 @@ from slam.beams import Beams
 from slam.contradictions import passed
 from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.kernels.normal_equations import inverse_of
+from slam.kernels.visibility import contradictions
 from slam.keyframes import Keyframe
 from slam.open_matches import LITTLE, closed_match
 from slam.se2 import SE2
@@ -23,6 +24,10 @@ _WIDER = 1.5
 else. Chosen."""
 _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""
+
+_LOOKED_THROUGH = 3
+"""Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
+front end's time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +157,20 @@ class Candidates:
             if keyframe.is_break:
                 break
         return seen, denied
+
+    def passed(self, T_map_base: SE2, beams: Beams) -> float:
+        """Share of what the last keyframe but one shows in a scan's view that its beams went through; 0
+        where the last one stands alone."""
+        if len(self._keyframes) < 2 or self._keyframes[-1].is_break:
+            return 0.0
+        before, config = self._keyframes[-2], self._config
+        T_base_before = T_map_base.inverse() @ before.T_map_base
+        seen, through = contradictions(
+            before.points[::_LOOKED_THROUGH], T_base_before.as_array(), beams.middle_m,
+            beams.angles_rad, beams.ranges_m, *config.denial.margins, 0.0,
+        )  # fmt: skip
+        enough = _LOOKED_THROUGH * seen >= config.min_points
+        return through / seen if enough else 0.0
 
     def _better_against(
         self, match: SurfaceMatch, led: SurfaceMatch, points: FloatArray, beams: Beams

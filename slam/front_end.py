@@ -10,12 +10,11 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.candidates import Candidates, Prediction
-from slam.constant_velocity import ConstantVelocity
+from slam.constant_velocity import ConstantVelocity, coasting_covariance
 from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.frozen_laser import FrozenLaser
 from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
-from slam.kernels.visibility import contradictions
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.loose_runs import LooseRuns
@@ -29,14 +28,6 @@ from slam.surface_map import SurfaceMatch, faced
 from slam.surface_window import SurfaceWindow
 from slam.views import Glances
 from slam.wheel_scale import ScaledStep, WheelScale
-
-_SPEEDS_UP_M, _SPEEDS_UP_MPS = 0.15, 0.3
-"""Standard deviation of how much farther than from the last scan to this one a robot goes to the next,
-and of its speed: of 70 poses that a search found a quarter of a metre and more from where it would go on to, none was
-right. Chosen."""
-_LOOKED_THROUGH = 3
-"""Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
-front end's time."""
 
 
 class FrontEnd:
@@ -121,16 +112,21 @@ class FrontEnd:
         self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
         self._blind_m += self._way_m(measurement)
         is_coasting = motion is not measurement.motion
-        odometry = inverse_of(self._coasted(T_last, T_predicted) if is_coasting else self._P)
+        held = self._P
+        if is_coasting:
+            way_m = math.hypot(T_predicted.x - T_last.x, T_predicted.y - T_last.y)
+            held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
         noise = self.wheel_scale.noise
-        return Prediction(T_last, T_predicted, self._P, odometry, noise, is_coasting, jump)
+        return Prediction(T_last, T_predicted, self._P, inverse_of(held), noise, is_coasting, jump)
 
     def _believed(
         self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction
     ) -> tuple[SurfaceMatch | None, StepStatus, float]:
         """The match of a scan to be believed, if there is one, and what it looks through there."""
         match, status = self._placed(measurement, points, beams, told)
-        passed_ratio = self._passed(match.T_map_base, beams) if match is not None else 0.0
+        passed_ratio = (
+            self._candidates.passed(match.T_map_base, beams) if match is not None else 0.0
+        )
         if passed_ratio > self.config.most_passed:
             match, status = None, StepStatus.BROKEN
         if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
@@ -167,12 +163,6 @@ class FrontEnd:
         if _is_told(measurement) or motion != SE2.identity():
             return motion
         return self._velocity.motion(measurement.time_s - self._last_s) or motion
-
-    def _coasted(self, T_last: SE2, T_predicted: SE2) -> FloatArray:
-        """(3, 3) covariance of a robot that goes on as it did: hardly twice as far, or as far back."""
-        way_m = math.hypot(T_predicted.x - T_last.x, T_predicted.y - T_last.y)
-        sigma_m = max(_SPEEDS_UP_M, _SPEEDS_UP_MPS * self._elapsed_s, way_m / 2.0)
-        return np.diag([sigma_m**2, sigma_m**2, float(self._P[2, 2])])
 
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
         """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""
@@ -283,19 +273,6 @@ class FrontEnd:
     def _is_open(self, match: SurfaceMatch) -> bool:
         """Whether a scan itself leaves a direction open."""
         return match.least_facing < self.config.least_facing
-
-    def _passed(self, T_map_base: SE2, beams: Beams) -> float:
-        """Share of what the last keyframe but one shows in a scan's view that its beams went through."""
-        if len(self._window) < 2:
-            return 0.0
-        before = self.keyframes[-2]
-        T_base_before = T_map_base.inverse() @ before.T_map_base
-        seen, through = contradictions(
-            before.points[::_LOOKED_THROUGH], T_base_before.as_array(), beams.middle_m,
-            beams.angles_rad, beams.ranges_m, *self.config.denial.margins, 0.0,
-        )  # fmt: skip
-        enough = _LOOKED_THROUGH * seen >= self.config.min_points
-        return through / seen if enough else 0.0
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:
