@@ -110,11 +110,19 @@ class KeyframeGraph:
         else:
             solution = self._graph.solve()
             if len(solution.rejected_loops()) > _FEW_REJECTED * len(self.loops):
-                solution = min(solution, self._graph.solve(Start.STAGES), key=lambda one: one.cost)
+                solution = min(solution, self._in_stages(solution), key=lambda one: one.cost)
         self._graph.set_poses(solution.poses)
         kept, _ = self._sorted(solution)
         self._held_ends = _ends_of(kept)
         return solution
+
+    def _in_stages(self, solution: PoseGraphSolution) -> PoseGraphSolution:
+        """Solved once more; the same, where the edges leave a direction open by what can be computed:
+        wheels that tell of kilometres at each scan."""
+        try:
+            return self._graph.solve(Start.STAGES)
+        except ValueError:
+            return solution
 
     def sorted_loops(self) -> tuple[list[Loop], list[Loop]]:
         """The loops that are kept once the poses are solved for, and those that others contradict."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
@@ -78,3 +80,12 @@ def test_right_loops_that_lie_metres_off_are_not_left_out():
     assert rejected == []
     off_m = np.hypot(*(graph.poses[160:194, :2] - graph.poses[:34, :2]).T)
     assert off_m.max() < 0.1
+
+
+def test_wheels_that_tell_of_kilometres_at_each_scan_are_solved_for_as_far_as_can_be():
+    # information of 1e-10 beside 1e4: no direction is open, and none can be told to be held
+    graph = driven([SE2(1e5 * k, 0.0, 0.0) for k in range(1, 9)])
+    graph.keyframes = [replace(one, covariance=1e12 * np.eye(3)) for one in graph.keyframes]
+    loops = [loop(k, k + 3, SE2(0.0, 50.0 * k, 0.0)) for k in range(5)]
+    graph.renew(graph.keyframes, loops, graph.poses)
+    assert np.isfinite(graph.solve().poses).all()
