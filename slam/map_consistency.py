@@ -131,7 +131,7 @@ def acquitted(
     for one in rejected:
         ends = (one.earlier, one.later)
         if not one.is_tie and all(
-            _apart(ends, (loop.earlier, loop.later)) > config.beside for loop in loops
+            _apart(ends, (loop.earlier, loop.later)) > config.beside for loop in without_ties(loops)
         ):
             reasons.append(
                 f"the scans at {keyframes[one.earlier].time_s:.2f} s and"

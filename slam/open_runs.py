@@ -3,6 +3,7 @@ shows how far the robot went."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,11 @@ from slam.keyframes import Keyframe
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMatch
 from slam.surface_window import SurfaceWindow
+
+_SLID_M = -1.2, -0.8, -0.4, 0.4, 0.8, 1.2
+_SAME_M = 0.2
+"""Along the way, where a scan may fit as well as where it was matched; and how far off it is another
+place. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,19 +62,28 @@ class OpenRun:
         window: SurfaceWindow,
     ) -> SurfaceMatch | None:
         """The match of a scan's faced points (N, 3) with what was seen before the run alone, near
-        T_start; None if they see too little of that. The window holds the same as before."""
+        T_start; None if they see too little of that, or fit elsewhere along the way all but as well.
+        The window holds the same as before."""
         run, config = keyframes[self._first :], self._config
         if len(run) >= len(window):
             return None
         window.leave_out_last(len(run))
-        match = window.surfaces.match(points, T_start, T_start, np.zeros((3, 3)))
-        window.learn_all((one.T_map_base, one.faced) for one in run)
+        nothing = np.zeros((3, 3))
+        match = window.surfaces.match(points, T_start, T_start, nothing)
         is_seen = (
             match.least_facing >= config.least_facing
-            and match.inlier_ratio >= config.least_inlier_ratio
+            and match.inlier_ratio >= config.good_inlier_ratio
             and match.seen_ratio >= config.least_seen_ratio
             and match.T_map_base.is_near(T_start, config.keyframe_m, config.keyframe_rad)
         )
+        if is_seen:
+            weakest = np.linalg.eigh(match.place_information)[1][:, 0]
+            for slid_m in _SLID_M:
+                start = match.T_map_base @ SE2(slid_m * weakest[0], slid_m * weakest[1], 0.0)
+                other = window.surfaces.match(points, start, start, nothing)
+                is_other = not other.T_map_base.is_near(match.T_map_base, _SAME_M, math.inf)
+                is_seen &= not (is_other and other.cost < match.cost + config.better)
+        window.learn_all((one.T_map_base, one.faced) for one in run)
         return match if is_seen else None
 
     def moved(

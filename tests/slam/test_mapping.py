@@ -363,6 +363,8 @@ def test_content_with_laxer_loops_does_not_acquit_a_map_that_is_open(slam_map):
     assert not is_good(0.005, [lone])
     # no place is seen again there
     assert is_good(0.005, [replace(lone, is_tie=True)])
+    content, tie = MapVerdict(True, 0.01, 0.0, 100), replace(lone, is_tie=True)
+    assert not acquitted(content, slam_map.keyframes, [loop, tie], [lone], config).is_good
     assert not is_good(0.01, [])
     failed = MapVerdict(False, 0.2, 0.0, 100, ("torn",))
     assert acquitted(failed, slam_map.keyframes, [], [], config).reasons == ("torn",)
