@@ -36,7 +36,8 @@ class Prediction:
 
     odometry: (3, 3) information by which matches are held there; not the inverse of the covariance
     if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
-    see `WheelScale`. jump: a motion that was told, and is not believed.
+    see `WheelScale`. other: a motion that may have been in
+    its place.
     """
 
     T_last: SE2
@@ -45,7 +46,7 @@ class Prediction:
     odometry: FloatArray
     noise: float
     is_coasting: bool
-    jump: SE2 | None = None
+    other: SE2 | None = None
 
     @property
     def is_guess(self) -> bool:
@@ -55,10 +56,10 @@ class Prediction:
 
     @property
     def others(self) -> list[SE2]:
-        """Where the robot may be as well: it has stopped, or odometry was right after all."""
+        """Where the robot may be as well: it has stopped, or odometry jumped, or did not."""
         if not (self.is_coasting or self.is_guess):
             return []
-        return [self.T_last] if self.jump is None else [self.T_last, self.T_last @ self.jump]
+        return [self.T_last] if self.other is None else [self.T_last, self.T_last @ self.other]
 
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""

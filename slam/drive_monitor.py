@@ -65,6 +65,7 @@ class DriveMonitor:
         self._open = _Stretch(0.0, 0.0, 0, 0, 0.0)
         self._long: list[_Stretch] = []
         self._denials = _Denials()
+        self._has_jumped = False
 
     def take(
         self,
@@ -79,7 +80,7 @@ class DriveMonitor:
         variance_m2 = float(measurement.motion_covariance[0, 0])
         self._unknown_m2 = 0.0 if _tells(step) else self._unknown_m2 + variance_m2
         self._take_along(step, variance_m2, has_jumped)
-        is_matched = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED)
+        is_matched = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED) and not step.is_tied
         is_measured = told_m2 < _KNOWN_M**2
         if not (is_matched and is_measured):
             self._ways.interrupt()
@@ -103,8 +104,10 @@ class DriveMonitor:
     def _take_along(self, step: FrontEndStep, variance_m2: float, has_jumped: bool) -> None:
         """How far nobody knows the robot went along what its scans leave open. Those that tell
         nothing are another matter: the next one that does says where the robot is."""
+        self._has_jumped |= has_jumped
         if not _tells(step):
             return
+        has_jumped, self._has_jumped = self._has_jumped, False
         if step.is_open:
             self._open = replace(
                 self._open,
@@ -114,6 +117,8 @@ class DriveMonitor:
                 is_torn=self._open.is_torn or has_jumped,
             )
             return
+        if has_jumped and self._open.variance_m2 > 0.0:
+            self._open = replace(self._open, is_torn=True)
         if self._is_unknown(self._open):  # up to the scan that sees again
             self._long.append(replace(self._open, last=step.keyframe))
         self._open = _Stretch(step.time_s, step.time_s, step.keyframe, step.keyframe, 0.0)

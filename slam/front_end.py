@@ -54,12 +54,11 @@ class FrontEnd:
         self._pauses = Pauses(self.config.pauses)
         self._velocity = ConstantVelocity()
 
-    def update(self, measurement: Measurement, jump: SE2 | None = None) -> FrontEndStep:
-        """Places one scan; jump: a motion that odometry told in the place of the measurement's, by which
-        nobody goes: the scan is asked."""
+    def update(self, measurement: Measurement, other: SE2 | None = None) -> FrontEndStep:
+        """Places one scan; other: a motion that may have been in the place of the measurement's."""
         beams = self._beams(measurement)
         points = self._seen(beams)
-        told = self._predicted(measurement, jump)
+        told = self._predicted(measurement, other)
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
         is_open = match is not None and self._is_open(match)
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
@@ -68,7 +67,7 @@ class FrontEnd:
         if match is not None:
             match = self._joined(match, status, told, is_open)
             self._learn_scale(told.T_map_base, match)
-            if not (is_open or self._open_run.is_empty):
+            if status is StepStatus.MATCHED and not (is_open or self._open_run.is_empty):
                 tied = self._tied(points, match, by_wheels)
             self.T_map_base, self._P = tied or match.T_map_base, match.covariance
         is_new = tied is not None or self._is_new(status, points)
@@ -89,7 +88,7 @@ class FrontEnd:
                 )
                 self.scaled_steps[-1] = scaled
             self._open_run.take(len(self.keyframes) - 1, is_open)
-        if match is None:
+        if match is None or tied is not None:  # that moved the scan before as well
             self._velocity.stop()
         else:
             self._velocity.take(told.T_last.inverse() @ self.T_map_base, self._elapsed_s)
@@ -100,10 +99,10 @@ class FrontEnd:
         return FrontEndStep(
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
             0.0 if match is None else match.inlier_ratio, is_new, is_open=is_open,
-            passed_ratio=passed_ratio,
+            passed_ratio=passed_ratio, is_tied=tied is not None,
         )  # fmt: skip
 
-    def _predicted(self, measurement: Measurement, jump: SE2 | None) -> Prediction:
+    def _predicted(self, measurement: Measurement, other: SE2 | None) -> Prediction:
         """Where the wheels lead; the covariance since the last keyframe grows by that."""
         T_last, motion = self.T_map_base, self._motion(measurement)
         T_predicted = T_last @ self.wheel_scale.scaled(motion)
@@ -117,7 +116,7 @@ class FrontEnd:
             way_m = math.hypot(T_predicted.x - T_last.x, T_predicted.y - T_last.y)
             held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
         noise = self.wheel_scale.noise
-        return Prediction(T_last, T_predicted, self._P, inverse_of(held), noise, is_coasting, jump)
+        return Prediction(T_last, T_predicted, self._P, inverse_of(held), noise, is_coasting, other)
 
     def _believed(
         self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction

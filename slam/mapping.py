@@ -61,6 +61,7 @@ class Mapper:
         self._has_new = False
         self._session = MapSession(self._graph, self.config)
         self.T_map_base = SE2.identity()
+        self._known_objections: list[str] = []
         self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(
             self.config.front_end.blind_m[0], self.config.is_odometry_doubted
@@ -93,6 +94,7 @@ class Mapper:
             slam_map, start, mapper._graph, mapper._closer, mapper.config
         )
         mapper.T_map_base = mapper._session.start
+        mapper._known_objections = _of_drives(slam_map, mapper.config)
         return mapper
 
     def update(self, measurement: Measurement) -> MapperStep:
@@ -102,20 +104,19 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
-        told, measurement = measurement, self._jumps.doubted(measurement)
-        jump = told.motion if measurement is not told else None
+        judged_motion = self._jumps.judged(measurement)
+        measurement, other = judged_motion.measurement, judged_motion.other
         told_m2 = float(measurement.motion_covariance[0, 0])
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
-        step = self._front_end.update(measurement, jump)  # match with what was seen last
-        self._monitor.take(measurement, T_before, step, told_m2, jump is not None)
+        step = self._front_end.update(measurement, other)  # match with what was seen last
+        self._monitor.take(measurement, T_before, step, told_m2, other is not None)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._session.first + step.keyframe)
         self._steps.append(replace(step, session=self._session.number))
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
-            self._tie_last()
         self._session.look_for_join(self._front_end.usual_interval_s)
         self.T_map_base = self._session.start @ step.T_map_base
         if step.keyframe >= 0:
@@ -142,10 +143,24 @@ class Mapper:
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._between_m, slam_map))
+        said += self._begun_with_jump()
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = too_far_adrift(slam_map.drift_m, slam_map.poses)
-        return slam_map.objected(said)
+        return slam_map.objected([*self._known_objections, *said])
+
+    def _begun_with_jump(self) -> list[str]:
+        """In words, that odometry jumped as the drive began; a second look does not go by it, but where
+        a scan leaves the way open."""
+        time_s = self._jumps.begun_with_s
+        own = self._steps[self._session.first_step :]
+        step = next((one for one in own if one.time_s == time_s), None)
+        if step is None or (self.config.is_odometry_doubted and not step.is_open):
+            return []
+        return [
+            f"at {step.time_s:.2f} s odometry jumped, before it could be known how the robot drives:"
+            " what was mapped until then may lie elsewhere"
+        ]
 
     def _between_m(self, slam_map: SlamMap, one: int, other: int) -> float:
         """How sure a map is of how two keyframes of the session lie [m], other after one; not at all
@@ -252,6 +267,7 @@ class Mapper:
         if index == self._session.first:
             self._place_before(keyframe)
         self._graph.add(self._session.own(keyframe))
+        self._tie_last()
         every = config.loops.every
         if index % every == 0 and (
             index % (every * config.crowd_every) == 0 or not self._is_crowded(index)
@@ -314,3 +330,16 @@ class Mapper:
         return closer.found(
             graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._session.comparable
         )
+
+
+def _of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
+    """What the drives themselves said against a map that is continued: its scans are judged anew, and
+    how far it drifted; how far a robot went between walls that look the same nobody can say later."""
+    if slam_map.verdict.is_good:
+        return []
+    told = slam_map.keyframes, slam_map.poses, slam_map.loops, slam_map.rejected
+    anew = (
+        *judged(*told, config.consistency).reasons,
+        *too_far_adrift(slam_map.drift_m, slam_map.poses),
+    )
+    return [reason for reason in slam_map.verdict.reasons if reason not in anew]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,39 +24,87 @@ _TURN_RAD = 0.3
 """Chosen: by which the heading may be off after a jump."""
 
 
+_LITTLE_BACK_M = 0.15
+"""Chosen: a robot that has gone back so little, off its dock, has not gone back."""
+_LATE = 2.0
+"""Times the last interval, beyond which nobody knows that it went on. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedMotion:
+    """A measurement whose motion is to be believed, as far as it says itself; other: where the robot
+    may have gone as well, where odometry has jumped, or it has not."""
+
+    measurement: Measurement
+    other: SE2 | None = None
+
+
 class OdometryJumps:
-    """Knows how fast the robot goes, and which way. Where odometry jumps it goes on as it did, turning
-    as it is told; that is as unsure as the jump is long: then its scans say where it is."""
+    """Knows how fast the robot goes, and which way. Much faster it goes on as it did, turning as it is
+    told; that, and a way back for the first time, is as unsure as the two are apart: then its scans say
+    where it is."""
 
     def __init__(self) -> None:
         self._steps: deque[tuple[float, float]] = deque(maxlen=_STEPS)
         self._last_s, self._in_a_row = math.inf, 0
-        self._velocity_mps = 0.0, 0.0
+        self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
+        self._begun: list[tuple[float, float, SE2]] = []
 
-    def doubted(self, measurement: Measurement) -> Measurement:
-        """The measurement; of odometry that jumped, one of another motion, which tells next to nothing."""
-        elapsed_s, self._last_s = measurement.time_s - self._last_s, measurement.time_s
+    def judged(self, measurement: Measurement) -> JudgedMotion:
+        """The measurement; where odometry may have jumped, one whose motion tells next to nothing."""
+        elapsed_s = measurement.time_s - self._last_s
+        late_s, self._last_s = _LATE * self._interval_s, measurement.time_s
         motion = measurement.motion
         way_m = math.hypot(motion.x, motion.y)
-        if not elapsed_s > 0.0 or way_m < _MOVES_M:
-            return measurement
-        speed_mps = way_m / elapsed_s
-        if len(self._steps) >= _LEAST and self._in_a_row < _AGAIN - 1:
-            fastest_mps, farthest_back_m = (
-                max(column) for column in zip(*self._steps, strict=True)
+        is_timed = elapsed_s > 0.0
+        if not is_timed:  # stamps that stand, or go back: as long as before
+            elapsed_s = self._interval_s
+        self._interval_s = elapsed_s
+        if way_m < _MOVES_M:
+            return JudgedMotion(measurement)
+        is_fast, is_back = self._as_never_before(way_m / elapsed_s, motion)
+        if is_fast or is_back:
+            self._in_a_row += 1
+            x, y = (min(elapsed_s, late_s) * one for one in self._velocity_mps)
+            usual = SE2(x, y, motion.theta)
+            apart_m = math.hypot(motion.x - x, motion.y - y)
+            doubt = np.diag(np.square([apart_m, apart_m, _TURN_RAD]))
+            believed, other = (usual, motion) if is_fast else (motion, usual)
+            covariance = measurement.motion_covariance + doubt
+            return JudgedMotion(
+                replace(measurement, motion=believed, motion_covariance=covariance), other
             )
-            is_fast = way_m > _FAR_M and speed_mps > _FASTER * fastest_mps
-            is_back = motion.x < -_FAR_BACK_M and farthest_back_m <= 0.0
-            if is_fast or is_back:
-                self._in_a_row += 1
-                doubt = np.diag(np.square([way_m, way_m, _TURN_RAD]))
-                x, y = (elapsed_s * one for one in self._velocity_mps)
-                return replace(
-                    measurement,
-                    motion=SE2(x, y, motion.theta),
-                    motion_covariance=measurement.motion_covariance + doubt,
-                )
         self._in_a_row = 0
+        if not is_timed:
+            return JudgedMotion(measurement)
         self._velocity_mps = motion.x / elapsed_s, motion.y / elapsed_s
-        self._steps.append((speed_mps, -motion.x))
-        return measurement
+        self._steps.append((way_m / elapsed_s, -motion.x))
+        if len(self._begun) < 2 * _LEAST:
+            self._begun.append((measurement.time_s, way_m / elapsed_s, motion))
+        return JudgedMotion(measurement)
+
+    @property
+    def begun_with_s(self) -> float | None:
+        """When one of the first steps was a jump [s], by how the robot drove after it: that was believed,
+        since nobody knew yet; None if none was."""
+        for at, (time_s, speed_mps, motion) in enumerate(self._begun[:_LEAST]):
+            others = self._begun[:at] + self._begun[at + 1 :]
+            if len(others) < _LEAST:
+                return None
+            fastest_mps = max(one for _, one, _ in others)
+            is_far = math.hypot(motion.x, motion.y) > _FAR_M
+            went_back = any(one.x < -_LITTLE_BACK_M for _, _, one in others)
+            is_back = motion.x < -_FAR_BACK_M and not went_back
+            if (is_far and speed_mps > _FASTER * fastest_mps) or is_back:
+                return time_s
+        return None
+
+    def _as_never_before(self, speed_mps: float, motion: SE2) -> tuple[bool, bool]:
+        """Whether a robot that drove as it is remembered to would be that fast, or go back so far. One
+        of the steps may have been a jump that nobody noticed."""
+        if len(self._steps) < _LEAST or self._in_a_row >= _AGAIN - 1:
+            return False, False
+        fastest_mps, farthest_back_m = (sorted(one)[-2] for one in zip(*self._steps, strict=True))
+        is_far = math.hypot(motion.x, motion.y) > _FAR_M
+        is_back = motion.x < -_FAR_BACK_M and farthest_back_m <= _LITTLE_BACK_M
+        return is_far and speed_mps > _FASTER * fastest_mps, is_back

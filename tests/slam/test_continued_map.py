@@ -280,3 +280,12 @@ def test_no_scan_of_another_laser_waits_for_what_is_usual_for_it(first, monkeypa
     assert steps[-1].is_joined
     assert sum(counts) == learnt_before > 100
     assert max(counts) <= 1 + JoiningConfig().work // _VIRTUAL_SCAN
+
+
+def test_what_a_drive_said_against_its_map_is_not_forgotten_in_the_next(first):
+    # 22 m off in a corridor, called failed, and good once another session was joined with it
+    objection = "walls along the way look the same all along: the map may be off by 2 m"
+    again, _ = continued(first.objected([objection]), ring.drive(SECOND, np.random.default_rng(1)))
+    assert again.unjoined == ()
+    assert again.verdict.reasons == (objection,)
+    assert not again.verdict.is_good

@@ -142,3 +142,23 @@ def test_how_far_odometry_jumped_loops_tell_or_nobody(is_open, sigma_m, is_secon
         measurement = Measurement(step.time_s, SE2(0.3, 0.0, 0.0), SCAN, noise)
         monitor.take(measurement, step.T_map_base @ SE2(-0.3, 0.0, 0.0), step, 0.05**2, k == 4)
     assert (monitor.objections(steps, lambda *_: sigma_m) == []) is is_told
+
+
+@pytest.mark.parametrize("jumped_at", [4, 5])
+def test_a_jump_where_a_scan_saw_nothing_is_not_forgotten(jumped_at):
+    # at 4, somebody stood before the laser, and at 5 a scan sees the end of bare walls again
+    monitor, steps = DriveMonitor(5.0, is_second=True), []
+    for k in range(8):
+        status = StepStatus.CARRIED if k == 4 else StepStatus.MATCHED
+        steps.append(
+            FrontEndStep(
+                float(k), k, SE2.identity(), SE2(0.3 * k, 0.0, 0.0), status, 0.9, k != 4,
+                is_open=3 <= k < (6 if jumped_at == 4 else 5),
+            )
+        )  # fmt: skip
+        noise = (2.0 if k == jumped_at else 0.05) ** 2 * np.eye(3)
+        measurement = Measurement(float(k), SE2(0.3, 0.0, 0.0), SCAN, noise)
+        T_before = steps[-1].T_map_base @ SE2(-0.3, 0.0, 0.0)
+        monitor.take(measurement, T_before, steps[-1], 0.05**2, k == jumped_at)
+    (said,) = monitor.objections(steps, lambda *_: 0.1)
+    assert "neither scans nor wheels tell how far" in said
