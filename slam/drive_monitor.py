@@ -52,13 +52,11 @@ class DriveMonitor:
 
     A step that the wheels deny, where the scan leaves a direction open, may have been far longer.
 
-    most_blind_m: by the wheels alone; after more, nobody knows how far these were off. is_second: the
-    drive was mapped before, and failed; loops say nothing then of how far odometry jumped between
-    walls that look the same: who looks twice is wrong twice as often.
+    most_blind_m: by the wheels alone; after more, nobody knows how far these were off.
     """
 
-    def __init__(self, most_blind_m: float, is_second: bool = False) -> None:
-        self._most_blind_m, self._is_second = most_blind_m, is_second
+    def __init__(self, most_blind_m: float) -> None:
+        self._most_blind_m = most_blind_m
         self._turned_together = self._turned_by_wheels = 0.0
         self._ways = ComparedWays()
         self._unknown_m2 = 0.0
@@ -134,13 +132,12 @@ class DriveMonitor:
         said = blind_stretches(steps, self._most_blind_m)
         long = [*self._long, self._open]
         long = [one for one in long if self._is_unknown(one)]
-        # scans that seem to stand, all of one keyframe, no loop ties
+        # scans that seem to stand, all of one keyframe, no loop ties; and where odometry jumped, loops to
+        # what looks the same tied two of a hundred logs wrongly, by as much as it had jumped
         loose = [
             one
             for one in long
-            if one.first == one.last
-            or (one.is_torn and self._is_second)
-            or between_m(one.first, one.last) > _TIED_M
+            if one.first == one.last or one.is_torn or between_m(one.first, one.last) > _TIED_M
         ]
         if self._unknown_m2 > self._most_blind_m**2:
             said.append("neither scans nor wheels tell where the robot is at the end")

@@ -63,9 +63,7 @@ class Mapper:
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
         self._jumps = OdometryJumps()
-        self._monitor = DriveMonitor(
-            self.config.front_end.blind_m[0], self.config.is_odometry_doubted
-        )
+        self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
     @classmethod
     def continued(
@@ -111,7 +109,7 @@ class Mapper:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
         step = self._front_end.update(measurement, other)  # match with what was seen last
-        self._monitor.take(measurement, T_before, step, told_m2, other is not None)
+        self._monitor.take(measurement, T_before, step, told_m2, judged_motion.has_jumped)
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._session.first + step.keyframe)
         self._steps.append(replace(step, session=self._session.number))

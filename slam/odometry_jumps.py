@@ -33,10 +33,12 @@ _LATE = 2.0
 @dataclass(frozen=True, eq=False)
 class JudgedMotion:
     """A measurement whose motion is to be believed, as far as it says itself; other: where the robot
-    may have gone as well, where odometry has jumped, or it has not."""
+    may have gone as well, where odometry has jumped, or it has not. has_jumped: it is known to have,
+    now or, where it told of a way back and then of one ahead, the time before."""
 
     measurement: Measurement
     other: SE2 | None = None
+    has_jumped: bool = False
 
 
 class OdometryJumps:
@@ -48,6 +50,7 @@ class OdometryJumps:
         self._steps: deque[tuple[float, float]] = deque(maxlen=_STEPS)
         self._last_s, self._in_a_row = math.inf, 0
         self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
+        self._was_back = False
         self._begun: list[tuple[float, float, SE2]] = []
 
     def judged(self, measurement: Measurement) -> JudgedMotion:
@@ -63,6 +66,9 @@ class OdometryJumps:
         if way_m < _MOVES_M:
             return JudgedMotion(measurement)
         is_fast, is_back = self._as_never_before(way_m / elapsed_s, motion)
+        # who backs up goes on backwards
+        has_jumped = is_fast or (self._was_back and motion.x > 0.0)
+        self._was_back = is_back and not is_fast
         if is_fast or is_back:
             self._in_a_row += 1
             x, y = (min(elapsed_s, late_s) * one for one in self._velocity_mps)
@@ -71,17 +77,16 @@ class OdometryJumps:
             doubt = np.diag(np.square([apart_m, apart_m, _TURN_RAD]))
             believed, other = (usual, motion) if is_fast else (motion, usual)
             covariance = measurement.motion_covariance + doubt
-            return JudgedMotion(
-                replace(measurement, motion=believed, motion_covariance=covariance), other
-            )
+            measurement = replace(measurement, motion=believed, motion_covariance=covariance)
+            return JudgedMotion(measurement, other, has_jumped)
         self._in_a_row = 0
         if not is_timed:
-            return JudgedMotion(measurement)
+            return JudgedMotion(measurement, has_jumped=has_jumped)
         self._velocity_mps = motion.x / elapsed_s, motion.y / elapsed_s
         self._steps.append((way_m / elapsed_s, -motion.x))
         if len(self._begun) < 2 * _LEAST:
             self._begun.append((measurement.time_s, way_m / elapsed_s, motion))
-        return JudgedMotion(measurement)
+        return JudgedMotion(measurement, has_jumped=has_jumped)
 
     @property
     def begun_with_s(self) -> float | None:

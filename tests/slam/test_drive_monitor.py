@@ -120,18 +120,11 @@ def test_way_that_neither_scans_nor_wheels_tell_may_be_told_by_loops(sigma_m, is
         assert said[0].startswith("from 3.00 to 9.00 s neither scans nor wheels tell how far")
 
 
-@pytest.mark.parametrize(
-    ("is_open", "sigma_m", "is_second", "is_told"),
-    [
-        (True, 0.3, False, True),
-        (True, 1.4, False, False),
-        (True, 0.3, True, False),  # the first map had failed: loops may be false as well
-        (False, 1.4, True, True),  # the scan itself says where the robot is
-    ],
-)
-def test_how_far_odometry_jumped_loops_tell_or_nobody(is_open, sigma_m, is_second, is_told):
-    # 1.9 m back at once between walls that look the same: much less than wheels are believed for
-    monitor, steps = DriveMonitor(5.0, is_second), []
+@pytest.mark.parametrize("is_open", [True, False])
+def test_how_far_odometry_jumped_the_scan_itself_tells_or_nobody(is_open):
+    # 1.9 m back at once between walls that look the same: much less than wheels are believed for, and
+    # loops to what looks the same tie it wrongly
+    monitor, steps = DriveMonitor(5.0), []
     for k in range(8):
         step = FrontEndStep(
             float(k), k, SE2.identity(), SE2(0.3 * k, 0.0, 0.0), StepStatus.MATCHED, 0.9, True,
@@ -141,13 +134,13 @@ def test_how_far_odometry_jumped_loops_tell_or_nobody(is_open, sigma_m, is_secon
         noise = (2.0 if k == 4 else 0.05) ** 2 * np.eye(3)
         measurement = Measurement(step.time_s, SE2(0.3, 0.0, 0.0), SCAN, noise)
         monitor.take(measurement, step.T_map_base @ SE2(-0.3, 0.0, 0.0), step, 0.05**2, k == 4)
-    assert (monitor.objections(steps, lambda *_: sigma_m) == []) is is_told
+    assert bool(monitor.objections(steps, lambda *_: 0.1)) is is_open
 
 
 @pytest.mark.parametrize("jumped_at", [4, 5])
 def test_a_jump_where_a_scan_saw_nothing_is_not_forgotten(jumped_at):
     # at 4, somebody stood before the laser, and at 5 a scan sees the end of bare walls again
-    monitor, steps = DriveMonitor(5.0, is_second=True), []
+    monitor, steps = DriveMonitor(5.0), []
     for k in range(8):
         status = StepStatus.CARRIED if k == 4 else StepStatus.MATCHED
         steps.append(

@@ -40,6 +40,7 @@ def test_where_odometry_tells_of_far_more_the_robot_goes_on_as_it_did_and_turns_
     judged = judged_each([STEP] * 20 + [jump, STEP])
     assert judged[20].measurement.motion.is_near(SE2(STEP.x, STEP.y, 0.3), 1e-12, 1e-12)
     assert judged[20].other == jump
+    assert [one.has_jumped for one in judged] == [False] * 20 + [True, False]
     assert [one.other for one in (*judged[:20], judged[21])] == [None] * 21
 
 
@@ -50,6 +51,21 @@ def test_a_way_back_for_the_first_time_is_believed_and_doubted():
     assert judged[-1].measurement.motion == back
     assert judged[-1].other is not None
     assert judged[-1].other.is_near(SE2(0.7, 0.0, 0.0), 1e-9, 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("after", "has_jumped"),
+    [
+        ([SE2(-0.7, 0.0, 0.0)] * 4, False),  # it backs up
+        ([SE2.identity(), SE2(-0.4, 0.0, 0.1)], False),
+        ([SE2(0.7, 0.0, 0.0)] * 4, True),
+        ([SE2.identity(), SE2(0.7, 0.0, 0.0)], True),
+    ],
+)
+def test_who_goes_on_backwards_has_backed_up_and_odometry_not_jumped(after, has_jumped):
+    judged = judged_each([SE2(0.7, 0.0, 0.0)] * 10 + [SE2(-0.7, 0.0, 0.0), *after], 2.0)
+    assert any(one.has_jumped for one in judged) is has_jumped
+    assert not judged[10].has_jumped
 
 
 def test_a_robot_that_backed_off_its_dock_has_not_gone_back():
