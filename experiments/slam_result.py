@@ -140,7 +140,10 @@ def table(summary: dict[str, Any]) -> str:
     if summary["continued"] is not None:
         number, at = len(summary["sessions"]), summary["joined_at"]
         if not summary["sessions"][-1]["joined"]:
-            joined = "never joined (nothing that it saw was found on the map beyond doubt)"
+            joined = (
+                "never joined (nothing that it saw was found on the map beyond doubt, nor what a --start"
+                " told confirmed)"
+            )
         elif at is None:
             joined = "joined at its end"
         else:

@@ -104,7 +104,10 @@ def localize(
     log: Log,
     start: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Pose at the first scan: x y [m] and heading [rad]; else unknown."),
+        typer.Option(
+            metavar="X Y THETA",
+            help="Pose at the first scan: x y [m] and heading [rad]; else unknown.",
+        ),
     ] = None,
     out: LogOut = RESULTS / "localize",
     method: LogMethod = DEFAULT_METHOD["localize"],
@@ -181,7 +184,8 @@ def slam(
     start: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
-            help="Pose at the first scan on --map: x y [m], heading [rad]; else searched."
+            metavar="X Y THETA",
+            help="Pose at the first scan on --map: x y [m], heading [rad]; else searched.",
         ),
     ] = None,
     scan_topic: ScanTopic = None,

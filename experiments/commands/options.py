@@ -95,7 +95,8 @@ OdomTopic = Annotated[
 Mount = Annotated[
     tuple[float, float, float] | None,
     typer.Option(
-        help="Of the laser on the robot: x y [m] and heading [rad]; default: as the log has it."
+        metavar="X Y THETA",
+        help="Of the laser on the robot: x y [m] and heading [rad]; default: as the log has it.",
     ),
 ]
 Rerun = Annotated[

@@ -63,6 +63,9 @@ def _is_bag(path: Path) -> bool:
 
 
 def _read_bag(path: Path, choice: LogChoice) -> Log:
+    if path.is_dir() and not any(path.iterdir()):
+        # said without rosbags, too
+        raise ValueError(f"{path.name} is an empty folder: no log, nor does it hold a bag's file")
     try:
         from slam.readers.ros_bag import read_ros_bag
     except ImportError as error:

@@ -154,7 +154,8 @@ def test_folder_without_metadata_names_the_file_that_it_has(tmp_path):
     (tmp_path / "b" / "metadata.yaml").unlink()
     assert refused(tmp_path / "b").endswith("give one of its files: b.mcap")
     (tmp_path / "empty").mkdir()
-    assert refused(tmp_path / "empty").endswith("nor does it hold a bag's file")
+    said = refused(tmp_path / "empty")
+    assert said == "empty is an empty folder: no log, nor does it hold a bag's file"
 
 
 @pytest.mark.parametrize(
