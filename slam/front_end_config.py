@@ -51,7 +51,7 @@ class FrontEndConfig:
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed. better: cost by which a
     pose found around must be better; better_guess: one near the last, where wheels lead that know next
     to nothing: of eight jumps along corridors 0.02 and more; better_against: one that the wheels contradict: odometry that
-    jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2. break_sigma: (m, m, rad) by which the
+    jumped makes it 0.27 to 0.8, the next door 0.03 to 0.2; most_off_m: farther from where wheels lead that know of the way, none is. break_sigma: (m, m, rad) by which the
     wheels may be wrong where the scans broke off. min_points: fewer, farther than blocked_m from the laser, tell
     nothing: somebody stands before it. least_begun: points of a scan that begins a new piece where
     scans broke off: fewer, among trees, fit what they should not, and against the wheels are believed
@@ -85,6 +85,7 @@ class FrontEndConfig:
     better: float = 0.03
     better_guess: float = 0.01
     better_against: float = 0.24
+    most_off_m: float = 1.5
     break_sigma: tuple[float, float, float] = (0.5, 0.5, 0.3)
     min_points: int = 20
     least_begun: int = 40

@@ -41,6 +41,29 @@ def test_pose_that_the_wheels_contradict_must_fit_much_better(monkeypatch, sigma
     assert step.T_map_base.is_near(expected, 0.1, 0.05)
 
 
+@pytest.mark.parametrize(
+    ("off_m", "status"), [(1.2, StepStatus.SEARCHED), (2.5, StepStatus.BROKEN)]
+)
+def test_no_pose_is_found_metres_from_where_wheels_lead_that_know_the_way(
+    monkeypatch, off_m, status
+):
+    # a third of the scans of aces lost: one lay where the robot had stood, 2.5 m back (good)
+    front_end, measurement = after_one_scan()
+    two_poses(monkeypatch, front_end, 0.4)
+    around = front_end._candidates.around
+
+    def far(points, told):
+        found = around(points, told)
+        return replace(found, T_map_base=told.T_map_base @ SE2(off_m, 0.0, 0.0), inlier_ratio=0.9)
+
+    monkeypatch.setattr(front_end._candidates, "around", far)
+    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
+    step = front_end.update(
+        replace(measurement, motion_covariance=np.diag([0.05, 0.05, 0.02]) ** 2)
+    )
+    assert step.status is status
+
+
 def test_pose_that_the_wheels_contradict_must_not_be_denied_by_the_last_keyframes(monkeypatch):
     # of aces with a third of its scans lost, 14 such poses were metres off, and fitted better by 0.24
     front_end, second = after_one_scan()
