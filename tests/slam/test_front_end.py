@@ -42,7 +42,7 @@ def test_pose_that_the_wheels_contradict_must_fit_much_better(monkeypatch, sigma
 
 
 @pytest.mark.parametrize(
-    ("off_m", "status"), [(1.2, StepStatus.SEARCHED), (2.5, StepStatus.BROKEN)]
+    ("off_m", "status"), [(1.2, StepStatus.SEARCHED), (2.5, StepStatus.MATCHED)]
 )
 def test_no_pose_is_found_metres_from_where_wheels_lead_that_know_the_way(
     monkeypatch, off_m, status
