@@ -123,8 +123,8 @@ class Candidates:
     ) -> bool:
         """Whether a match is to be believed rather than the one where the wheels lead."""
         config, better = self._config, self._config.better
-        off_m = float(np.hypot(*(told.T_map_base.inverse() @ match.T_map_base).as_array()[:2]))
-        if off_m > config.most_off_m and not told.others:
+        is_near = match.T_map_base.is_near(told.T_map_base, config.most_off_m, math.inf)
+        if not (is_near or told.others):
             return False
         if told.squared(match) > config.trust:
             better = self._better_against(match, led, points, beams)

@@ -19,7 +19,7 @@ from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.loose_runs import LooseRuns
 from slam.measurements import Measurement
-from slam.open_runs import OpenRun, OpenStep
+from slam.open_runs import OpenRun
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
@@ -132,7 +132,7 @@ class FrontEnd:
             status = StepStatus.CARRIED
         return match, status, passed_ratio
 
-    def _by_wheels(self, told: Prediction, status: StepStatus) -> OpenStep:
+    def _by_wheels(self, told: Prediction, status: StepStatus) -> ToldStep:
         """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,
         and just where one was found by a search alone."""
         covariance, config = self._P, self.config
@@ -142,7 +142,7 @@ class FrontEnd:
             reach = config.reach_m, config.reach_m, config.reach_rad
             covariance = self._P + np.diag(np.square(reach))
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
-        return OpenStep(T_keyframe.inverse() @ told.T_map_base, covariance)
+        return ToldStep(T_keyframe.inverse() @ told.T_map_base, covariance)
 
     def _joined(
         self, match: SurfaceMatch, status: StepStatus, told: Prediction, is_open: bool
@@ -173,7 +173,7 @@ class FrontEnd:
             match.least_facing,
         )
 
-    def _tied(self, points: FloatArray, match: SurfaceMatch, step: OpenStep) -> SE2 | None:
+    def _tied(self, points: FloatArray, match: SurfaceMatch, step: ToldStep) -> SE2 | None:
         """Where a scan was taken, after keyframes that left a direction open, if it sees what was seen
         before these. That ties it to the keyframe before them; they are moved to where it shows them.
 

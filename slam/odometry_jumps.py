@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,12 +23,25 @@ _AGAIN = 3
 """Chosen: so many such steps in a row are how it drives now."""
 _TURN_RAD = 0.3
 """Chosen: by which the heading may be off after a jump."""
-
-
 _LITTLE_BACK_M = 0.15
 """Chosen: a robot that has gone back so little, off its dock, has not gone back."""
 _LATE = 2.0
 """Times the last interval, beyond which nobody knows that it went on. Chosen."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A motion, when it was told [s], and how fast it was."""
+
+    time_s: float
+    speed_mps: float
+    motion: SE2
+
+    def as_never_before(self, fastest_mps: float, farthest_back_m: float) -> tuple[bool, bool]:
+        """Whether it is much faster than a robot drove that went so far, and back for the first time."""
+        is_far = math.hypot(self.motion.x, self.motion.y) > _FAR_M
+        is_back = self.motion.x < -_FAR_BACK_M and farthest_back_m <= _LITTLE_BACK_M
+        return is_far and self.speed_mps > _FASTER * fastest_mps, is_back
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +61,11 @@ class OdometryJumps:
     where it is."""
 
     def __init__(self) -> None:
-        self._steps: deque[tuple[float, float]] = deque(maxlen=_STEPS)
+        self._steps: deque[_Step] = deque(maxlen=_STEPS)
         self._last_s, self._in_a_row = math.inf, 0
         self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
         self._was_back = False
-        self._begun: list[tuple[float, float, SE2]] = []
+        self._begun: list[_Step] = []
 
     def judged(self, measurement: Measurement) -> JudgedMotion:
         """The measurement; where odometry may have jumped, one whose motion tells next to nothing."""
@@ -65,7 +79,8 @@ class OdometryJumps:
         self._interval_s = elapsed_s
         if way_m < _MOVES_M:
             return JudgedMotion(measurement)
-        is_fast, is_back = self._as_never_before(way_m / elapsed_s, motion)
+        step = _Step(measurement.time_s, way_m / elapsed_s, motion)
+        is_fast, is_back = self._as_never_before(step)
         # who backs up goes on backwards
         has_jumped = is_fast or (self._was_back and motion.x > 0.0)
         self._was_back = is_back and not is_fast
@@ -83,33 +98,32 @@ class OdometryJumps:
         if not is_timed:
             return JudgedMotion(measurement, has_jumped=has_jumped)
         self._velocity_mps = motion.x / elapsed_s, motion.y / elapsed_s
-        self._steps.append((way_m / elapsed_s, -motion.x))
+        self._steps.append(step)
         if len(self._begun) < 2 * _LEAST:
-            self._begun.append((measurement.time_s, way_m / elapsed_s, motion))
+            self._begun.append(step)
         return JudgedMotion(measurement, has_jumped=has_jumped)
 
     @property
     def begun_with_s(self) -> float | None:
         """When one of the first steps was a jump [s], by how the robot drove after it: that was believed,
         since nobody knew yet; None if none was."""
-        for at, (time_s, speed_mps, motion) in enumerate(self._begun[:_LEAST]):
+        for at, step in enumerate(self._begun[:_LEAST]):
             others = self._begun[:at] + self._begun[at + 1 :]
             if len(others) < _LEAST:
                 return None
-            fastest_mps = max(one for _, one, _ in others)
-            is_far = math.hypot(motion.x, motion.y) > _FAR_M
-            went_back = any(one.x < -_LITTLE_BACK_M for _, _, one in others)
-            is_back = motion.x < -_FAR_BACK_M and not went_back
-            if (is_far and speed_mps > _FASTER * fastest_mps) or is_back:
-                return time_s
+            if any(step.as_never_before(*_most_of(others))):
+                return step.time_s
         return None
 
-    def _as_never_before(self, speed_mps: float, motion: SE2) -> tuple[bool, bool]:
-        """Whether a robot that drove as it is remembered to would be that fast, or go back so far. One
-        of the steps may have been a jump that nobody noticed."""
+    def _as_never_before(self, step: _Step) -> tuple[bool, bool]:
+        """Whether a step is much faster than those remembered, and back for the first time; one of these
+        may have been a jump that nobody noticed."""
         if len(self._steps) < _LEAST or self._in_a_row >= _AGAIN - 1:
             return False, False
-        fastest_mps, farthest_back_m = (sorted(one)[-2] for one in zip(*self._steps, strict=True))
-        is_far = math.hypot(motion.x, motion.y) > _FAR_M
-        is_back = motion.x < -_FAR_BACK_M and farthest_back_m <= _LITTLE_BACK_M
-        return is_far and speed_mps > _FASTER * fastest_mps, is_back
+        return step.as_never_before(*_most_of(self._steps, left_out=1))
+
+
+def _most_of(steps: Iterable[_Step], left_out: int = 0) -> tuple[float, float]:
+    """How fast [m/s], and how far back [m], steps were at most, each but for so many."""
+    speeds_mps, backs_m = zip(*((one.speed_mps, -one.motion.x) for one in steps), strict=True)
+    return sorted(speeds_mps)[-1 - left_out], sorted(backs_m)[-1 - left_out]

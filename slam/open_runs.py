@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from slam.front_end_config import FrontEndConfig
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import Keyframe
 from slam.se2 import SE2
+from slam.strays import ToldStep
 from slam.surface_map import SurfaceMatch
 from slam.surface_window import SurfaceWindow
 
@@ -21,14 +21,6 @@ _SLID_M = -1.2, -0.8, -0.4, 0.4, 0.8, 1.2
 _SAME_M = 0.2
 """Along the way, where a scan may fit as well as where it was matched; and how far off it is another
 place. Chosen."""
-
-
-@dataclass(frozen=True, eq=False)
-class OpenStep:
-    """A motion, and the covariance (3, 3) of it in the frame at its end."""
-
-    motion: SE2
-    covariance: FloatArray
 
 
 class OpenRun:
@@ -87,13 +79,13 @@ class OpenRun:
         return match if is_seen else None
 
     def moved(
-        self, keyframes: Sequence[Keyframe], last: OpenStep, T_seen: SE2, covariance: FloatArray
+        self, keyframes: Sequence[Keyframe], last: ToldStep, T_seen: SE2, covariance: FloatArray
     ) -> list[SE2]:
         """Where the keyframes of the run, and a scan a step after them, were taken, once that is seen
         at T_seen from the keyframe before the run; covariance: (3, 3) of that."""
         T_map_base = keyframes[self.before].T_map_base
         run = keyframes[self._first :]
-        steps = [*(OpenStep(one.T_before, one.covariance) for one in run), last]
+        steps = [*(ToldStep(one.T_before, one.covariance) for one in run), last]
         poses = list[SE2]()
         for motion in tied(steps, T_seen, covariance):
             T_map_base = T_map_base @ motion
@@ -101,7 +93,7 @@ class OpenRun:
         return poses
 
 
-def tied(steps: Sequence[OpenStep], T_seen: SE2, covariance: FloatArray) -> list[SE2]:
+def tied(steps: Sequence[ToldStep], T_seen: SE2, covariance: FloatArray) -> list[SE2]:
     """The motions of steps, one after the other, once it is seen where they led.
 
     covariance: (3, 3) of T_seen. Each takes its share of what they were off, as least squares has it to

@@ -23,7 +23,8 @@ from slam.views import Glance
 from slam.whole_files import read_at_most, write_whole
 
 VERSION = 4
-"""Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances."""
+"""Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances;
+before 4, no loop was a tie."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""

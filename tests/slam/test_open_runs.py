@@ -10,8 +10,9 @@ from slam.front_end_config import FrontEndConfig
 from slam.keyframes import Keyframe
 from slam.loop_closing import without_ties
 from slam.odometry import compose_covariance
-from slam.open_runs import OpenRun, OpenStep, tied
+from slam.open_runs import OpenRun, tied
 from slam.pose_graph import PoseGraph
+from slam.strays import ToldStep
 from slam.surface_window import SurfaceWindow
 from tests.slam.synthetic import box, room, scan_of
 
@@ -69,9 +70,9 @@ def test_scan_that_sees_again_what_was_before_bare_walls_says_how_far_the_robot_
 
 def test_each_step_takes_its_share_as_least_squares_has_it():
     steps = [
-        OpenStep(SE2(0.3, 0.0, 0.1), np.diag([4e-4, 1e-4, 9e-4])),
-        OpenStep(SE2(0.5, 0.1, -0.2), np.diag([1e-2, 1e-4, 1e-4])),
-        OpenStep(SE2(0.2, 0.0, 0.0), np.diag([1e-3, 1e-3, 1e-3])),
+        ToldStep(SE2(0.3, 0.0, 0.1), np.diag([4e-4, 1e-4, 9e-4])),
+        ToldStep(SE2(0.5, 0.1, -0.2), np.diag([1e-2, 1e-4, 1e-4])),
+        ToldStep(SE2(0.2, 0.0, 0.0), np.diag([1e-3, 1e-3, 1e-3])),
     ]
     covariance = np.diag([1e-4, 1e-4, 1e-5])
     poses = [SE2.identity()]
@@ -93,7 +94,7 @@ def test_each_step_takes_its_share_as_least_squares_has_it():
 
 
 def test_steps_that_led_where_they_said_are_left_alone():
-    step = OpenStep(SE2(0.3, 0.0, 0.1), np.diag([4e-4, 1e-4, 9e-4]))
+    step = ToldStep(SE2(0.3, 0.0, 0.1), np.diag([4e-4, 1e-4, 9e-4]))
     end = step.motion @ step.motion
     spread = compose_covariance(step.covariance, step.motion, step.covariance)
     for motion in tied([step, step], end, spread):
