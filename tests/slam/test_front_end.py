@@ -268,18 +268,12 @@ def test_after_odometry_jumped_a_scan_is_looked_for_where_the_robot_was_as_well(
     assert front_end.T_map_base.is_near(SE2(3.0, 0.0, 0.0), 0.1, 0.02)
 
 
-@pytest.mark.parametrize("true_m", [0.2, -4.0])
-def test_motion_that_was_not_believed_is_where_a_scan_is_looked_for_too(true_m):
-    walls, rng = room(-8.0, -2.0, 5.0, 3.0), np.random.default_rng(3)
-    front_end, told = FrontEnd(SE2.identity()), SE2(0.2, 0.0, 0.0)
-    for index in range(6):
-        scan = scan_of(walls, SE2(0.2 * index, 0.0, 0.0), rng, 0.01)
-        motion = told if index else SE2.identity()
-        front_end.update(Measurement(0.5 * index, motion, scan, np.eye(3) * 0.02**2))
-    scan = scan_of(walls, SE2(1.0 + true_m, 0.0, 0.0), rng, 0.01)
-    doubted = Measurement(3.0, told, scan, np.diag([4.2, 4.2, 0.3]) ** 2)
-    front_end.update(doubted, SE2(-4.0, 0.0, 0.0))
-    assert front_end.T_map_base.is_near(SE2(1.0 + true_m, 0.0, 0.0), 0.03, 0.01)
+@pytest.mark.parametrize("sigma_m", [0.05, 1.5])
+def test_motion_that_was_not_believed_is_where_a_scan_is_looked_for_too(sigma_m):
+    P, T_last, other = np.eye(3) * sigma_m**2, SE2(1.0, 2.0, 0.5), SE2(-1.5, 0.0, 0.1)
+    told = Prediction(T_last, T_last @ SE2(0.2, 0.0, 0.0), P, np.linalg.inv(P), 1.0, False, other)
+    # wheels that know the way leave no other
+    assert told.others == ([T_last, T_last @ other] if sigma_m > 1.0 else [])
 
 
 @pytest.mark.parametrize(
