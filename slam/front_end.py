@@ -62,7 +62,8 @@ class FrontEnd:
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
         is_open = match is not None and self._is_open(match)
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
-        self.loose_runs.lead_to(told.T_map_base, by_wheels.covariance)
+        trust = told.noise * self.config.trust
+        self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
         self.T_map_base = told.T_map_base
         if match is not None:
             match = self._joined(match, status, told, is_open)

@@ -14,12 +14,15 @@ from slam.se2 import SE2
 @dataclass(frozen=True, eq=False)
 class LooseScan:
     """A scan placed by the wheels, or by them along what it leaves open; covariance: (3, 3) of its
-    pose. T_next, next_covariance: of the scan after it, by the wheels from there."""
+    pose. T_next, next_covariance: of the scan after it, by the wheels from there; trust: of its
+    normalised error squared, up to which they led there; beyond, doubted: (3, 3) is what is known."""
 
     T_map_base: SE2
     covariance: FloatArray
     T_next: SE2
     next_covariance: FloatArray
+    doubted: FloatArray
+    trust: float
 
     def smoothed(self, T_next: SE2) -> SE2:
         """Its pose, where the scan after it shows to have been taken at another one than the wheels said.
@@ -27,8 +30,10 @@ class LooseScan:
         The smoother of Rauch, Tung and Striebel (1965), a step of it.
         """
         back = (self.T_next.inverse() @ self.T_map_base).adjoint()
-        off = inverse_of(self.next_covariance) @ (self.T_next.inverse() @ T_next).log()
-        return self.T_map_base @ SE2.exp(self.covariance @ back.T @ off)
+        off, information = (self.T_next.inverse() @ T_next).log(), inverse_of(self.next_covariance)
+        if off @ information @ off > self.trust:
+            information = inverse_of(self.doubted)
+        return self.T_map_base @ SE2.exp(self.covariance @ back.T @ information @ off)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +63,13 @@ class LooseRuns:
         self._scans: list[LooseScan] = []
         self._last: tuple[SE2, FloatArray] | None = None
 
-    def lead_to(self, T_next: SE2, covariance: FloatArray) -> None:
-        """Where the wheels lead from the last scan, and the covariance (3, 3) of that."""
+    def lead_to(
+        self, T_next: SE2, covariance: FloatArray, doubted: FloatArray, trust: float
+    ) -> None:
+        """Where the wheels lead from the last scan, and the covariance (3, 3) of that; doubted: of it,
+        if they were wrong there by more than trust; see `LooseScan`."""
         if self._last is not None:
-            self._scans.append(LooseScan(*self._last, T_next, covariance))
+            self._scans.append(LooseScan(*self._last, T_next, covariance, doubted, trust))
             self._last = None
 
     def add(self, number: int, T_map_base: SE2, covariance: FloatArray) -> None:

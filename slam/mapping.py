@@ -26,7 +26,8 @@ from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
 from slam.se2 import SE2, wrap_angle
 from slam.slam_map import SlamMap, graph_of, points_seen
-from slam.strays import without_strays
+from slam.stray_scans import with_scans_put_back
+from slam.strays import ToldStep, without_strays
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
@@ -62,6 +63,7 @@ class Mapper:
         self._session = MapSession(self._graph, self.config)
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
+        self._told: list[ToldStep] = []
         self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
@@ -105,6 +107,10 @@ class Mapper:
         judged_motion = self._jumps.judged(measurement)
         measurement, other = judged_motion.measurement, judged_motion.other
         told_m2 = float(measurement.motion_covariance[0, 0])
+        spread = measurement.motion_covariance + np.diag(
+            np.square(self.config.front_end.step_sigma)
+        )
+        self._told.append(ToldStep(measurement.motion, spread))
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
@@ -240,7 +246,11 @@ class Mapper:
         verdict = verdict.with_reasons(session.objections(keyframes, self._steps))
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
         runs = self._front_end.loose_runs.ended
-        steps = smoothed(self._steps, runs, self._session.first_step, keyframes, poses)
+        first_step = self._session.first_step
+        steps = smoothed(self._steps, runs, first_step, keyframes, poses)
+        steps = with_scans_put_back(
+            steps, first_step, self._told, self._front_end.wheel_scale, poses
+        )
         for k, glances in enumerate(self._front_end.glances, start=self._session.first):
             if not keyframes[k].is_place_alone:
                 keyframes[k] = replace(keyframes[k], glances=glances.kept)

@@ -1,0 +1,100 @@
+"""Scans between two keyframes that lie aside of where the wheels went from one to the other.
+
+No loop ties such a scan, and no check of the map asks it: if it once fits beside where it was taken,
+between walls that look the same or in open ground, the next one is placed right, and it stays there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.kernels.normal_equations import inverse_of
+from slam.keyframes import FrontEndStep, StepStatus
+from slam.odometry import compose_covariance
+from slam.se2 import SE2
+from slam.strays import ToldStep
+from slam.wheel_scale import WheelScale
+
+_TRUST = 20.0
+"""Of normalised errors squared, as in `FrontEndConfig`: the wheels' from one keyframe to the next, up to
+which they say where the robot was between them, and a scan's beside that, beyond which it strayed."""
+_LEAST_M = 0.2
+"""Off the way; nearer scans are as good as they are. Chosen, as in `StrayConfig`."""
+
+
+def with_scans_put_back(
+    steps: Sequence[FrontEndStep],
+    first_step: int,
+    told: Sequence[ToldStep],
+    wheel_scale: WheelScale,
+    poses: FloatArray,
+) -> list[FrontEndStep]:
+    """All steps, those of the last session that had strayed on the way between their keyframes.
+
+    first_step: with which the session begins; told: the motion by the wheels to each of its scans,
+    from the one before. poses: (K, 3) of the keyframes [m, rad].
+    """
+    moved = list(steps)
+    ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
+    for start, end in pairwise(ends):
+        if end == start + 1:
+            continue
+        before, after = (SE2.from_array(poses[steps[at].keyframe]) for at in (start, end))
+        step_told = told[start + 1 - first_step : end + 1 - first_step]
+        way = _Way.told(step_told, wheel_scale, before.inverse() @ after)
+        if way is None:
+            continue
+        for at, T_way in enumerate(way.poses, start=start + 1):
+            step = steps[at]
+            is_seen = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED) and not step.is_open
+            if is_seen and way.is_left(T_way, step.T_keyframe_base):
+                T_map_base = steps[start].T_map_base @ T_way
+                moved[at] = replace(step, T_map_base=T_map_base, T_keyframe_base=T_way)
+    return moved
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """Of the wheels from one keyframe to the next, but for these; as seen from the first of them.
+
+    covariance: (3, 3) of all of it.
+    """
+
+    poses: list[SE2]
+    covariance: FloatArray
+
+    @staticmethod
+    def told(steps: Sequence[ToldStep], wheel_scale: WheelScale, T_end: SE2) -> _Way | None:
+        """Ends where it should, by as much as it gets less sure on the way; None where wheels are off
+        by more than they should be, or told nothing."""
+        if any(step.is_guess for step in steps):
+            return None
+        T, covariance, poses, sums = SE2.identity(), np.zeros((3, 3)), [], []
+        for step in steps:
+            motion = wheel_scale.scaled(step.motion)
+            covariance = compose_covariance(covariance, motion, step.covariance)
+            T = T @ motion
+            poses.append(T)
+            sums.append(float(np.trace(covariance)))
+        covariance = wheel_scale.noise * covariance
+        off = (T.inverse() @ T_end).log()
+        if off @ inverse_of(covariance) @ off > _TRUST:
+            return None
+        shares = np.array(sums[:-1]) / sums[-1]
+        moved = [
+            pose @ SE2.exp(share * off) for pose, share in zip(poses[:-1], shares, strict=True)
+        ]
+        return _Way(moved, covariance)
+
+    def is_left(self, T_way: SE2, T_seen: SE2) -> bool:
+        """Whether a scan seen at one pose was rather taken at the one on the way."""
+        if math.hypot(T_seen.x - T_way.x, T_seen.y - T_way.y) < _LEAST_M:
+            return False
+        off = (T_way.inverse() @ T_seen).log()
+        return bool(off @ inverse_of(self.covariance) @ off > _TRUST)

@@ -1,0 +1,91 @@
+"""A scan between two keyframes, placed where wheels that led from one to the other cannot have led."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam import SE2
+from slam.keyframes import FrontEndStep, StepStatus
+from slam.stray_scans import with_scans_put_back
+from slam.strays import ToldStep
+from slam.wheel_scale import WheelScale
+
+MOTION = SE2(0.25, 0.0, 0.05)
+SPREAD = np.diag([4e-4, 4e-4, 4e-4])
+KEYFRAMES = (2, 6, 10)
+
+
+def drive() -> tuple[list[FrontEndStep], list[ToldStep], np.ndarray]:
+    """Scans of two sessions, of the second from the third on; the wheels of that; its keyframes' poses."""
+    steps, T, poses = [], SE2(3.0, 1.0, 0.4), []
+    for at in range(12):
+        if at in KEYFRAMES or not poses:
+            poses.append(T)
+        back = poses[-1].inverse() @ T
+        steps.append(
+            FrontEndStep(
+                float(at),
+                len(poses) - 1,
+                back,
+                T,
+                StepStatus.MATCHED,
+                1.0,
+                at in KEYFRAMES,
+                session=int(at >= 2),
+            )
+        )
+        T = T @ MOTION
+    return steps, [ToldStep(MOTION, SPREAD)] * 10, np.array([one.as_array() for one in poses])
+
+
+def put_aside(step: FrontEndStep, aside: SE2) -> FrontEndStep:
+    return replace(
+        step,
+        T_keyframe_base=step.T_keyframe_base @ aside,
+        T_map_base=step.T_map_base @ aside,
+    )
+
+
+@pytest.mark.parametrize("strays", [(4,), (7, 8, 9)])
+def test_strays_are_put_back_where_the_wheels_went(strays):
+    right, told, poses = drive()
+    steps = [
+        put_aside(one, SE2(-0.6, 0.1, 0.0)) if at in strays else one for at, one in enumerate(right)
+    ]
+    moved = with_scans_put_back(steps, 2, told, WheelScale(), poses)
+    for at, (one, known) in enumerate(zip(moved, right, strict=True)):
+        assert one.T_keyframe_base.is_near(known.T_keyframe_base, 1e-9, 1e-9)
+        assert one.T_map_base.is_near(known.T_map_base, 1e-9, 1e-9)
+        assert (one is steps[at]) == (at not in strays)
+
+
+def test_the_way_ends_where_the_next_keyframe_is():
+    right, told, poses = drive()
+    poses[2] = (SE2.from_array(poses[2]) @ SE2(0.08, 0.0, 0.0)).as_array()
+    steps = [put_aside(one, SE2(0.0, 0.9, 0.0)) if at == 5 else one for at, one in enumerate(right)]
+    moved = with_scans_put_back(steps, 2, told, WheelScale(), poses)[5]
+    off = right[5].T_keyframe_base.inverse() @ moved.T_keyframe_base
+    assert 0.04 < off.x < 0.07  # of four steps to there three are done
+
+
+@pytest.mark.parametrize(
+    "kind", ["near", "open", "carried", "wheels wrong", "wheels untold", "noisy", "no keyframe after", "before"]
+)  # fmt: skip
+def test_scans_are_left_where_wheels_tell_no_better(kind):
+    steps, told, poses = drive()
+    at = {"no keyframe after": 11, "before": 1}.get(kind, 4)
+    steps[at] = put_aside(steps[at], SE2(0.15 if kind == "near" else 0.6, 0.0, 0.0))
+    wheel_scale = WheelScale()
+    if kind == "open":
+        steps[at] = replace(steps[at], is_open=True)
+    elif kind == "carried":
+        steps[at] = replace(steps[at], status=StepStatus.CARRIED)
+    elif kind == "wheels wrong":
+        told[2] = ToldStep(SE2(1.0, 0.0, 0.0), SPREAD)
+    elif kind == "wheels untold":
+        told[2] = ToldStep(MOTION, np.eye(3))
+    elif kind == "noisy":
+        told = [ToldStep(MOTION, 12.0 * SPREAD)] * len(told)
+    moved = with_scans_put_back(steps, 2, told, wheel_scale, poses)
+    assert all(one is other for one, other in zip(moved, steps, strict=True))
