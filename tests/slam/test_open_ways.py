@@ -22,35 +22,48 @@ WALLS = np.concatenate(
 )
 
 
-def there_and_back(noise_m: float):
-    """A drive with 8 m of sight, by wheels that are told to be off by 0.05 m after a metre, and are
-    by noise_m."""
-    rng = np.random.default_rng(3)
-    xs = np.arange(1.0, 59.0, 0.4)
-    poses = [SE2(x, 0.0, 0.0) for x in xs]
-    poses += [SE2(xs[-1], 0.0, theta) for theta in np.linspace(0.3, math.pi, 10)]
-    poses += [SE2(x, 0.0, math.pi) for x in xs[::-1]]
-    measurements = []
+def mapped(walls: np.ndarray, poses: list[SE2], noise_m: float, scale: float, seed: int):
+    """The map of a drive with 8 m of sight, by wheels that are told to be off by 0.05 m after a metre,
+    and are by noise_m; and how far it is off [m]."""
+    rng, mapper = np.random.default_rng(seed), Mapper(SE2.identity())
     for k, pose in enumerate(poses):
         step = poses[max(k - 1, 0)].inverse() @ pose
         way_m = math.hypot(step.x, step.y)
         told = np.diag([0.05**2 * way_m, 0.05**2 * way_m, 1e-4])
-        by_wheels = step @ SE2(noise_m * math.sqrt(way_m) * rng.normal(), 0.0, 0.0)
-        scan = scan_of(WALLS, pose, rng, 0.01, range_max_m=8.0)
-        measurements.append(Measurement(0.8 * k, by_wheels, scan, told))
-    return measurements, np.array([pose.as_array() for pose in poses])
+        by_wheels = SE2(scale * step.x, step.y, step.theta)
+        by_wheels = by_wheels @ SE2(noise_m * math.sqrt(way_m) * rng.normal(), 0.0, 0.0)
+        scan = scan_of(walls, pose, rng, 0.01, range_max_m=8.0)
+        mapper.update(Measurement(0.8 * k, by_wheels, scan, told))
+    slam_map, true = mapper.finish(), np.array([pose.as_array() for pose in poses])
+    return slam_map, absolute_errors(slam_map.trajectory.poses, true).position_m.rmse
 
 
 @pytest.mark.parametrize(("noise_m", "is_good"), [(0.01, True), (0.1, False)])
 def test_map_between_bare_walls_is_as_good_as_its_wheels(noise_m, is_good):
-    measurements, true = there_and_back(noise_m)
-    mapper = Mapper(SE2.identity())
-    for measurement in measurements:
-        mapper.update(measurement)
-    slam_map = mapper.finish()
-    off_m = absolute_errors(slam_map.trajectory.poses, true).position_m.rmse
+    xs = np.arange(1.0, 59.0, 0.4)
+    poses = [SE2(x, 0.0, 0.0) for x in xs]
+    poses += [SE2(xs[-1], 0.0, theta) for theta in np.linspace(0.3, math.pi, 10)]
+    poses += [SE2(x, 0.0, math.pi) for x in xs[::-1]]
+    slam_map, off_m = mapped(WALLS, poses, noise_m, 1.0, seed=3)
     assert (off_m < 0.15) is is_good
     assert slam_map.verdict.is_good is is_good, (off_m, slam_map.verdict.reasons)
     if not is_good:
         (reason,) = slam_map.verdict.reasons
         assert "how far the robot went between them the wheels alone tell" in reason
+
+
+@pytest.mark.parametrize(("deep_m", "is_good"), [(0.22, True), (0.16, False)])
+def test_scans_that_tell_hardly_how_far_the_robot_went_are_not_taken_for_sure(deep_m, is_good):
+    """Posts along the walls are in view all the way, of shallow ones hardly a beam: what such scans
+    tell ends by half a metre off."""
+    low, high = np.arange(6.5, 66.0, 6.1), np.arange(4.0, 66.0, 5.3)
+    posts = [box(x, 1.2 - deep_m, x + 0.9, 1.2) for x in high]
+    posts += [box(x, -1.2, x + 0.9, deep_m - 1.2) for x in low]
+    walls = np.concatenate([room(0.0, -1.2, 70.0, 1.2), *posts])
+    xs = np.arange(1.0, 69.0, 0.4)
+    poses = [SE2(x, 0.1 * math.sin(0.7 * x), 0.07 * math.cos(0.7 * x)) for x in xs]
+    slam_map, off_m = mapped(walls, poses, 0.045, 0.95, seed=1)
+    assert (off_m < 0.15) is is_good
+    assert slam_map.verdict.is_good is is_good, (off_m, slam_map.verdict.reasons)
+    # nearly all of it is matched, and leaves nothing open
+    assert np.mean([step.is_open for step in slam_map.steps]) < 0.1
