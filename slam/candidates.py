@@ -86,14 +86,17 @@ class Candidates:
             match = other if other.cost < match.cost - better else match
         if told.squared(match) > config.trust:
             # walls seen for the first time may draw a scan along those known
-            held = self._surfaces.match(
-                points, T_predicted, T_predicted, told.odometry, pull=config.surfaces.share
-            )
+            held = self.held(points, told)
             if held.cost < match.cost + config.better:
                 match = held
         if match.least_facing < config.least_facing:
             match = closed_match(self._surfaces, points, T_predicted, told.odometry, match, config)
         return match
+
+    def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
+        """The match from where the wheels lead that gives in to the scan less than others do."""
+        T, share = told.T_map_base, self._config.surfaces.share
+        return self._surfaces.match(points, T, T, told.odometry, pull=share)
 
     def around(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
         """The best match from where the robot was last and from all around where it may be."""

@@ -260,15 +260,25 @@ class FrontEnd:
         if is_weak and not told.is_guess and told.squared(match) > config.trust:
             return None, StepStatus.CARRIED  # few points against the wheels
         fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
-        if fits and not is_blind:
+        if fits and not is_blind and not self._is_against(match, told):
             return match, status
         doubtful = (
             config.least_inlier_ratio if has_paused or is_blind else config.denial.doubtful_ratio
         )
-        is_borne_out = self._candidates.is_borne_out
-        if led.inlier_ratio >= doubtful and is_borne_out(led, told, points, beams):
-            return led, StepStatus.MATCHED
+        for match in (led, self._candidates.held(points, told)):
+            is_borne_out = self._candidates.is_borne_out(match, told, points, beams)
+            if is_borne_out and match.inlier_ratio >= doubtful:
+                return match, StepStatus.MATCHED
         return None, StepStatus.BROKEN
+
+    def _is_against(self, match: SurfaceMatch, told: Prediction) -> bool:
+        """Whether a scan fits badly, and where wheels that measured the way did not lead."""
+        least, most = self.config.against
+        return (
+            not told.is_coasting
+            and match.inlier_ratio < least
+            and told.squared(match) > told.noise * most
+        )
 
     def _is_open(self, match: SurfaceMatch) -> bool:
         """Whether a scan itself leaves a direction open."""
