@@ -13,6 +13,7 @@ from slam.arrays import FloatArray, IntArray
 from slam.driven_through import driven_through
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop, without_ties
+from slam.pieces import Pieces
 from slam.witnesses import Witnesses
 
 _FEW = 20
@@ -88,7 +89,7 @@ def judged(
     config = config or ConsistencyConfig()
     near, witnesses = _near(poses, config), _witnesses(keyframes, poses, config)
     passed_ratio, bad_pairs, pairs = _contradicted(witnesses, near, config)
-    reasons = [*_torn(keyframes, loops), *_drove_through(keyframes, poses, config)]
+    reasons = [*_torn(keyframes, loops, poses), *_drove_through(keyframes, poses, config)]
     reasons += _misplaced(keyframes, witnesses, near, config)
     if passed_ratio > config.most_passed:
         reasons.append(f"{100 * passed_ratio:.0f} % of what scans saw is where others saw nothing")
@@ -159,22 +160,24 @@ def do_contradict(
 
 def unjoined_sessions(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> tuple[int, ...]:
     """Sessions, from 0, that no loop ties to any before."""
-    breaks, joined = _pieces(keyframes, loops)
-    sessions = [keyframes[0].session, *(keyframes[k].session for k in breaks)] if keyframes else []
+    pieces = Pieces(keyframes, loops)
+    first = keyframes[0].session if keyframes else 0
+    sessions = [first, *(keyframes[k].session for k in pieces.breaks)]
     return tuple(
         session
         for session in sorted(set(sessions))[1:]
-        if min(joined[k] for k, other in enumerate(sessions) if other == session)
+        if min(pieces.joined[k] for k, other in enumerate(sessions) if other == session)
         >= sessions.index(session)
     )
 
 
-def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> list[str]:
-    """Where the scans broke off, and no loop ties what came after to what was before."""
-    breaks, joined = _pieces(keyframes, loops)
+def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop], poses: FloatArray) -> list[str]:
+    """Where the scans broke off, and loops do not tie what came after to what was before."""
+    pieces = Pieces(keyframes, loops, poses)
     unjoined, reasons = unjoined_sessions(keyframes, loops), []
-    for piece in sorted(set(joined) - {0}):
-        before, after = keyframes[breaks[piece - 1] - 1], keyframes[breaks[piece - 1]]
+    for piece in sorted(set(pieces.joined) - {0}):
+        begun = pieces.breaks[piece - 1]
+        before, after = keyframes[begun - 1], keyframes[begun]
         if after.session > before.session and after.session in unjoined:
             reasons.append(
                 f"session {after.session + 1}, from {after.time_s:.2f} s on, was never joined with"
@@ -182,8 +185,8 @@ def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> list[str]:
             )
         else:
             reasons.append(
-                f"the scans broke off at {after.time_s:.2f} s, and nothing ties what came after to"
-                " what was before"
+                f"the scans broke off at {after.time_s:.2f} s, and no two loops tie what came after"
+                " to what was before"
             )
     return reasons
 
@@ -231,19 +234,6 @@ def _drove_through(
         f"the robot drove through a wall at {keyframes[worst.keyframe].time_s:.2f} s, which"
         f" {worst.scans} scans saw there"
     ]
-
-
-def _pieces(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> tuple[list[int], list[int]]:
-    """Keyframes at which the scans broke off; of each piece, the first one that loops tie it to."""
-    breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
-    piece = np.zeros(len(keyframes), dtype=np.int64)
-    for k in breaks:
-        piece[k:] += 1
-    joined = np.arange(len(breaks) + 1)
-    for loop in loops:
-        one, other = joined[piece[loop.earlier]], joined[piece[loop.later]]
-        joined[joined == max(one, other)] = min(one, other)
-    return breaks, joined.tolist()
 
 
 def _near(poses: FloatArray, config: ConsistencyConfig) -> IntArray:

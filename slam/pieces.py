@@ -1,0 +1,74 @@
+"""The pieces of a map, between which its scans broke off, and which of them loops tie together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.keyframes import Keyframe
+from slam.loop_closing import Loop
+from slam.se2 import SE2
+
+_SURE_M = 0.8
+"""Standard deviation of the wheels' way over a break, up to which they say where a piece lies; chosen: what
+scans that broke off make of wheels that are sure to 0.6 m."""
+_MOST_NIS = 11.3
+"""Of that way as it is on the map (chi2 with three degrees of freedom, 1 %)."""
+
+
+class Pieces:
+    """Of keyframes at poses (K, 3): which pieces hold together.
+
+    One loop alone may be of a place that looks the same: it takes two, between other keyframes on
+    either side, or that the wheels lead there as well. A session that has begun anywhere has rules of
+    its own, see `MapSession`: it is tied by any loop. breaks: keyframes that a piece begins with, but
+    for the first; joined: of each piece, the first one that it is tied to.
+    """
+
+    def __init__(
+        self, keyframes: Sequence[Keyframe], loops: Sequence[Loop], poses: FloatArray | None = None
+    ) -> None:
+        self._keyframes, self._poses = keyframes, poses
+        self.breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
+        of = np.zeros(len(keyframes), dtype=np.int64)
+        for k in self.breaks:
+            of[k:] += 1
+        self.joined: list[int] = list(range(len(self.breaks) + 1))
+        between = [
+            (loop.earlier, loop.later) for loop in loops if of[loop.earlier] != of[loop.later]
+        ]
+        while (found := next(self._tied(between, of), None)) is not None:
+            first, other = sorted(found)
+            self.joined = [first if one == other else one for one in self.joined]
+
+    def _tied(self, between: list[tuple[int, int]], of: np.ndarray) -> Iterator[tuple[int, int]]:
+        """Pairs of pieces, each by the first that it is tied to, that belong together as well."""
+        ends: dict[tuple[int, int], list[tuple[int, int]]] = {}
+        for loop in between:
+            one, other = (self.joined[of[k]] for k in loop)
+            if one != other:
+                ordered = loop if one < other else loop[::-1]
+                ends.setdefault((min(one, other), max(one, other)), []).append(ordered)
+        for pair, loops in ends.items():
+            is_sure = all(len(set(side)) > 1 for side in zip(*loops, strict=True))
+            if is_sure or any(self._is_led(k) for k in self._between(pair)):
+                yield pair
+
+    def _between(self, pair: tuple[int, int]) -> list[int]:
+        """The breaks between two groups of pieces."""
+        sides = zip(self.breaks, self.joined, self.joined[1:], strict=False)
+        return [k for k, before, after in sides if {before, after} == set(pair)]
+
+    def _is_led(self, k: int) -> bool:
+        """Whether wheels lead over a break to where the map has what came after it, and are sure of it;
+        of sessions nobody asks."""
+        keyframe = self._keyframes[k]
+        if self._poses is None or keyframe.session != self._keyframes[k - 1].session:
+            return True
+        before, after = (SE2.from_array(pose) for pose in self._poses[k - 1 : k + 1])
+        off = ((before @ keyframe.T_before).inverse() @ after).log()
+        information = np.linalg.inv(keyframe.covariance)
+        is_sure = np.linalg.eigvalsh(keyframe.covariance[:2, :2])[-1] < _SURE_M**2
+        return bool(is_sure and off @ information @ off < _MOST_NIS)
