@@ -27,6 +27,9 @@ _LITTLE_BACK_M = 0.15
 """Chosen: a robot that has gone back so little, off its dock, has not gone back."""
 _LATE = 2.0
 """Times the last interval, beyond which nobody knows that it went on. Chosen."""
+_MADE_UP = 0.3
+"""Share of a way by which it may differ from the one that the robot would have gone since odometry last
+told of any, to make up for that. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ class OdometryJumps:
 
     def __init__(self) -> None:
         self._steps: deque[_Step] = deque(maxlen=_STEPS)
-        self._last_s, self._in_a_row = math.inf, 0
+        self._last_s, self._told_s, self._in_a_row = math.inf, math.inf, 0
         self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
         self._was_back = False
         self._begun: list[_Step] = []
@@ -79,6 +82,7 @@ class OdometryJumps:
         self._interval_s = elapsed_s
         if way_m < _MOVES_M:
             return JudgedMotion(measurement)
+        elapsed_s = self._made_up_s(measurement, elapsed_s)
         step = _Step(measurement.time_s, way_m / elapsed_s, motion)
         is_fast, is_back = self._as_never_before(step)
         # who backs up goes on backwards
@@ -102,6 +106,17 @@ class OdometryJumps:
         if len(self._begun) < 2 * _LEAST:
             self._begun.append(step)
         return JudgedMotion(measurement, has_jumped=has_jumped)
+
+    def _made_up_s(self, measurement: Measurement, elapsed_s: float) -> float:
+        """In which time a motion was driven: that since the last one, or since before odometry that is
+        late told of none, if it makes up for that."""
+        silent_s, self._told_s = measurement.time_s - self._told_s, measurement.time_s
+        x, y = (silent_s * one for one in self._velocity_mps)
+        motion = measurement.motion
+        off_m, way_m = (
+            math.hypot(*one) for one in ((motion.x - x, motion.y - y), (motion.x, motion.y))
+        )
+        return silent_s if silent_s > elapsed_s and off_m < _MADE_UP * way_m else elapsed_s
 
     @property
     def begun_with_s(self) -> float | None:

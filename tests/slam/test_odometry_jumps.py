@@ -138,3 +138,16 @@ def test_where_stamps_stand_as_much_time_has_passed_as_before():
 
 def test_stamps_that_never_move_tell_no_speed():
     assert sigmas_m([STEP] * 20 + [SE2(2.0, 0.0, 0.0)], elapsed_s=0.0)[-1] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("silent", [1, 3, 6])
+def test_late_odometry_that_makes_up_for_its_silence_has_not_jumped(silent):
+    """As of mit-csail: three records tell of nothing, the fourth of all four."""
+    made_up = SE2(0.2 * (silent + 1), 0.01, 0.05)
+    motions = [STEP] * 10 + [SE2.identity()] * silent + [made_up, STEP]
+    assert sigmas_m(motions) == pytest.approx([0.01] * len(motions))
+    judged = judged_each(motions)
+    assert judged[10 + silent].measurement.motion == made_up
+    # what is far more than it makes up for is a jump still
+    jump = SE2(made_up.x + 1.5, 0.0, 0.0)
+    assert sigmas_m([*motions[: 10 + silent], jump])[-1] > 1.0
