@@ -62,7 +62,7 @@ class FrontEnd:
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
         is_open = match is not None and self._is_open(match)
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
-        trust = told.noise * self.config.trust
+        trust = told.noise * self.config.surely_wrong
         self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
         self.T_map_base = told.T_map_base
         if match is not None:

@@ -46,6 +46,8 @@ class FrontEndConfig:
     which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
     itself. good_inlier_ratio: below it, the scan is looked for where the wheels count less, by
     trust of their normalised innovation squared, and all around, within about reach_m and reach_rad;
+    surely_wrong: of the same, over scans that told nothing, beyond which they had jumped: in ten seconds
+    of turns mit-csail's were off by 20, little by little;
     guess_inlier_ratio: in its place where nothing tells how far the robot went: a metre along a wall
     off, 0.85 of a scan fitted still.
     least_inlier_ratio, least_seen_ratio: below either, no pose is believed; against: nor one that fits
@@ -81,6 +83,7 @@ class FrontEndConfig:
     good_inlier_ratio: float = 0.85
     guess_inlier_ratio: float = 0.95
     trust: float = 20.0
+    surely_wrong: float = 60.0
     reach_m: float = 0.8
     reach_rad: float = math.radians(50.0)
     least_inlier_ratio: float = 0.65

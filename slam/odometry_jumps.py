@@ -40,6 +40,12 @@ class _Step:
     speed_mps: float
     motion: SE2
 
+    @property
+    def velocity_mps(self) -> tuple[float, float]:
+        """Ahead and to the left."""
+        share = self.speed_mps / math.hypot(self.motion.x, self.motion.y)
+        return share * self.motion.x, share * self.motion.y
+
     def as_never_before(self, fastest_mps: float, farthest_back_m: float) -> tuple[bool, bool]:
         """Whether it is much faster than a robot drove that went so far, and back for the first time."""
         is_far = math.hypot(self.motion.x, self.motion.y) > _FAR_M
@@ -111,12 +117,15 @@ class OdometryJumps:
         """In which time a motion was driven: that since the last one, or since before odometry that is
         late told of none, if it makes up for that."""
         silent_s, self._told_s = measurement.time_s - self._told_s, measurement.time_s
-        x, y = (silent_s * one for one in self._velocity_mps)
-        motion = measurement.motion
+        if silent_s <= elapsed_s or len(self._steps) < _LEAST:
+            return elapsed_s
+        # steps of a hiccup are short and long by turns
+        steps, motion = list(self._steps)[-_LEAST:], measurement.motion
+        x, y = silent_s * np.median([one.velocity_mps for one in steps], axis=0)
         off_m, way_m = (
             math.hypot(*one) for one in ((motion.x - x, motion.y - y), (motion.x, motion.y))
         )
-        return silent_s if silent_s > elapsed_s and off_m < _MADE_UP * way_m else elapsed_s
+        return silent_s if off_m < _MADE_UP * way_m else elapsed_s
 
     @property
     def begun_with_s(self) -> float | None:
