@@ -33,7 +33,8 @@ class StrayConfig:
     looked at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a
     scan that fits as well, and alone agrees better with the wheels if there are any, lies on the way.
     least_facing: of what it sees there, as in `FrontEndConfig`: where a scan leaves its place open,
-    wheels know better. margins, aside_m: see `Witnesses`. Chosen, all of these.
+    wheels know better. better: cost by which it must fit better where wheels lead back to it, which did
+    not lead there, but if it slides there by itself. margins, aside_m: see `Witnesses`. Chosen, all of these.
     """
 
     least_m: float = 0.2
@@ -43,6 +44,7 @@ class StrayConfig:
     reach_rad: float = 0.3
     nearer: float = 0.5
     least_facing: float = 0.003
+    better: float = 0.03
     margins: tuple[float, float] = (0.25, 0.03)
     aside_m: float = 0.1
 
@@ -122,16 +124,38 @@ class _Search:
     def on_the_way(self, poses: FloatArray, k: int, run: int) -> SurfaceMatch | None:
         """Where a keyframe, the first of a run that may have strayed, fits on the way; None where it
         is near that, or belongs where it is."""
-        keyframes, config = self._keyframes, self._config
-        before, after = k - 1, k + run
+        keyframes, before, after = self._keyframes, k - 1, k + run
         # those that come back to the way may fit nothing that the strays saw
         if any(one.is_break for one in keyframes[k:after]) or keyframes[k].is_place_alone:
             return None
-        T_now, T_way = SE2.from_array(poses[k]), self._way(poses, k, before, after)
+        T_now = SE2.from_array(poses[k])
+        best, stays = self._matched(poses, (before, k, after), self._way(poses, k, before, after))
+        if best is not None and (
+            run > 1 or self._squared(poses, k, best.T_map_base) < self._squared(poses, k, T_now)
+        ):
+            return best
+        on = self._told[after - self._first]
+        if run > 1 or on.is_guess or keyframes[after].is_break:
+            return None
+        # odometry that jumped on the way to it led it aside, and on from it tells the way back
+        T_back = SE2.from_array(poses[after]) @ on.motion.inverse()
+        best, stays = self._matched(poses, (before, k, after), T_back)
+        if best is None or stays is None:
+            return None
+        has_slid = _apart_m(stays.T_map_base, best.T_map_base) < 0.5 * self._config.least_m
+        return best if has_slid or best.cost < stays.cost - self._config.better else None
+
+    def _matched(
+        self, poses: FloatArray, at: tuple[int, int, int], T_way: SE2
+    ) -> tuple[SurfaceMatch | None, SurfaceMatch | None]:
+        """Where a keyframe fits near a pose on the way, at least as well as where it is, if it lies
+        aside of that; and the match from where it is. at: the one before, it, the one after."""
+        before, k, after = at
+        config, points, nothing = self._config, self._keyframes[k].faced, np.zeros((3, 3))
+        T_now = SE2.from_array(poses[k])
         off_m = _apart_m(T_way, T_now)
         if off_m < config.least_m:
-            return None
-        points, nothing = keyframes[k].faced, np.zeros((3, 3))
+            return None, None
         self._learn(poses, before, after)
         starts = [T_way, *self._surfaces.searched(points, T_way, config.reach_m, config.reach_rad)]
         stays = self._surfaces.match(points, T_now, T_now, nothing)
@@ -143,11 +167,8 @@ class _Search:
             default=None,
         )
         if best is None or best.cost > stays.cost or best.least_facing < config.least_facing:
-            return None
-        is_told = run > 1 or self._squared(poses, k, best.T_map_base) < self._squared(
-            poses, k, T_now
-        )
-        return best if is_told else None
+            return None, stays
+        return best, stays
 
     def _squared(self, poses: FloatArray, k: int, T_map_base: SE2) -> float:
         """Normalised error squared of the wheels, to a keyframe at a pose and on from it."""

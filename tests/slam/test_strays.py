@@ -96,3 +96,18 @@ def test_wheels_that_agree_with_a_keyframe_keep_it_where_it_is(slam_map):
         for k in range(len(poses))
     ]
     assert without_strays(slam_map.keyframes, [], poses, told)[3] == []
+
+
+def test_keyframe_that_odometry_led_aside_by_a_jump_is_put_back_where_the_next_step_begins(
+    slam_map,
+):
+    """aces, noisier: a scan that left the way open stood where odometry had jumped, 1.07 m off."""
+    told = told_by(slam_map.keyframes, SURE)
+    told[AT] = ToldStep(told[AT].motion @ BESIDE, SURE)
+    _, _, found, put_back = without_strays(slam_map.keyframes, [], pushed(slam_map, AT), told)
+    assert put_back == [AT]
+    assert off_m(found, slam_map) < 0.05
+    # nor does what odometry tells after it alone move one that fits where it is
+    told = told_by(slam_map.keyframes, SURE)
+    told[AT + 1] = ToldStep(BESIDE @ told[AT + 1].motion, SURE)
+    assert without_strays(slam_map.keyframes, [], slam_map.poses, told)[3] == []
