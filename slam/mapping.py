@@ -104,7 +104,8 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
-        judged_motion = self._jumps.judged(measurement)
+        is_blind = bool(self._steps) and self._steps[-1].status is StepStatus.CARRIED
+        judged_motion = self._jumps.judged(measurement, is_blind)
         measurement, other = judged_motion.measurement, judged_motion.other
         told_m2 = float(measurement.motion_covariance[0, 0])
         spread = measurement.motion_covariance + np.diag(

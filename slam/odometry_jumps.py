@@ -76,8 +76,12 @@ class OdometryJumps:
         self._was_back = False
         self._begun: list[_Step] = []
 
-    def judged(self, measurement: Measurement) -> JudgedMotion:
-        """The measurement; where odometry may have jumped, one whose motion tells next to nothing."""
+    def judged(self, measurement: Measurement, is_blind: bool = False) -> JudgedMotion:
+        """The measurement; where odometry may have jumped, one whose motion tells next to nothing.
+
+        is_blind: the last scan told nothing. Odometry that comes late is told of then by nobody else;
+        scans that see have shown already most of what it makes up for.
+        """
         elapsed_s = measurement.time_s - self._last_s
         late_s, self._last_s = _LATE * self._interval_s, measurement.time_s
         motion = measurement.motion
@@ -88,7 +92,8 @@ class OdometryJumps:
         self._interval_s = elapsed_s
         if way_m < _MOVES_M:
             return JudgedMotion(measurement)
-        elapsed_s = self._made_up_s(measurement, elapsed_s)
+        made_up_s = self._made_up_s(measurement, elapsed_s)
+        elapsed_s = made_up_s if is_blind else elapsed_s
         step = _Step(measurement.time_s, way_m / elapsed_s, motion)
         is_fast, is_back = self._as_never_before(step)
         # who backs up goes on backwards

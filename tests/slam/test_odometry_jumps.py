@@ -12,19 +12,23 @@ SCAN = LaserScan(0.0, np.radians([-1.0, 0.0, 1.0]), np.ones(3))
 STEP = SE2(0.2, 0.0, 0.02)
 
 
-def judged_each(motions: list[SE2], elapsed_s: float | list[float] = 0.5) -> list[JudgedMotion]:
+def judged_each(
+    motions: list[SE2], elapsed_s: float | list[float] = 0.5, is_blind: bool = False
+) -> list[JudgedMotion]:
     """Of each motion, once it was judged; told as 1 cm. elapsed_s: before each."""
     jumps, told = OdometryJumps(), np.diag([0.01**2] * 3)
     times_s = np.cumsum(np.broadcast_to(elapsed_s, len(motions)))
     return [
-        jumps.judged(Measurement(float(time_s), motion, SCAN, told))
+        jumps.judged(Measurement(float(time_s), motion, SCAN, told), is_blind)
         for time_s, motion in zip(times_s, motions, strict=True)
     ]
 
 
-def sigmas_m(motions: list[SE2], elapsed_s: float | list[float] = 0.5) -> list[float]:
+def sigmas_m(
+    motions: list[SE2], elapsed_s: float | list[float] = 0.5, is_blind: bool = False
+) -> list[float]:
     """Of each motion along its way, once it was judged."""
-    judged = judged_each(motions, elapsed_s)
+    judged = judged_each(motions, elapsed_s, is_blind)
     return [float(np.sqrt(one.measurement.motion_covariance[0, 0])) for one in judged]
 
 
@@ -145,9 +149,18 @@ def test_late_odometry_that_makes_up_for_its_silence_has_not_jumped(silent):
     """As of mit-csail: three records tell of nothing, the fourth of all four."""
     made_up = SE2(0.2 * (silent + 1), 0.01, 0.05)
     motions = [STEP] * 10 + [SE2.identity()] * silent + [made_up, STEP]
-    assert sigmas_m(motions) == pytest.approx([0.01] * len(motions))
-    judged = judged_each(motions)
+    assert sigmas_m(motions, is_blind=True) == pytest.approx([0.01] * len(motions))
+    judged = judged_each(motions, is_blind=True)
     assert judged[10 + silent].measurement.motion == made_up
     # what is far more than it makes up for is a jump still
     jump = SE2(made_up.x + 1.5, 0.0, 0.0)
-    assert sigmas_m([*motions[: 10 + silent], jump])[-1] > 1.0
+    assert sigmas_m([*motions[: 10 + silent], jump], is_blind=True)[-1] > 1.0
+    # and of what scans have shown already it tells once more
+    if silent > 1:
+        assert sigmas_m(motions)[10 + silent] > 0.3
+
+
+def test_late_odometry_makes_up_for_its_silence_by_the_usual_speed():
+    hiccup = [SE2(0.05, 0.0, 0.0), SE2(0.3, 0.0, 0.0), SE2(0.09, 0.0, 0.0)]
+    motions = [STEP] * 10 + hiccup + [SE2.identity()] * 4 + [SE2(1.0, 0.0, 0.0)]
+    assert sigmas_m(motions, is_blind=True)[-1] == pytest.approx(0.01)
