@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -14,15 +16,17 @@ from slam.se2 import SE2
 _SURE_M = 0.8
 """Standard deviation of the wheels' way over a break, up to which they say where a piece lies; chosen: what
 scans that broke off make of wheels that are sure to 0.6 m."""
-_MOST_NIS = 11.3
-"""Of that way as it is on the map (chi2 with three degrees of freedom, 1 %)."""
+_MOST_NIS, _MOST_OFF_M = 11.3, 0.5
+"""Of that way as it is on the map (chi2 with three degrees of freedom, 1 %), and how far it may be off:
+what is taken for the wheels' error where scans broke off would excuse metres. Chosen."""
 
 
 class Pieces:
     """Of keyframes at poses (K, 3): which pieces hold together.
 
     One loop alone may be of a place that looks the same: it takes two, between other keyframes on
-    either side, or that the wheels lead there as well. A session that has begun anywhere has rules of
+    either side, or that the wheels lead there as well; and a scan or some that no loop ties lie where
+    wheels lead to from before them, if they lead on from there to what came after. A session that has begun anywhere has rules of
     its own, see `MapSession`: it is tied by any loop. breaks: keyframes that a piece begins with, but
     for the first; joined: of each piece, the first one that it is tied to.
     """
@@ -39,7 +43,7 @@ class Pieces:
         between = [
             (loop.earlier, loop.later) for loop in loops if of[loop.earlier] != of[loop.later]
         ]
-        while (found := next(self._tied(between, of), None)) is not None:
+        while (found := next(chain(self._tied(between, of), self._on_the_way()), None)) is not None:
             first, other = sorted(found)
             self.joined = [first if one == other else one for one in self.joined]
 
@@ -56,6 +60,14 @@ class Pieces:
             if is_sure or any(self._is_led(k) for k in self._between(pair)):
                 yield pair
 
+    def _on_the_way(self) -> Iterator[tuple[int, int]]:
+        """Pieces and what they are on the way between, by the wheels to them and on from them."""
+        for at, (k, after) in enumerate(pairwise(self.breaks)):
+            before, piece, on = self.joined[at : at + 3]
+            is_one_drive = self._keyframes[k - 1].session == self._keyframes[after].session
+            if before == on != piece and is_one_drive and self._is_led(k) and self._is_led(after):
+                yield before, piece
+
     def _between(self, pair: tuple[int, int]) -> list[int]:
         """The breaks between two groups of pieces."""
         sides = zip(self.breaks, self.joined, self.joined[1:], strict=False)
@@ -71,4 +83,5 @@ class Pieces:
         off = ((before @ keyframe.T_before).inverse() @ after).log()
         information = np.linalg.inv(keyframe.covariance)
         is_sure = np.linalg.eigvalsh(keyframe.covariance[:2, :2])[-1] < _SURE_M**2
-        return bool(is_sure and off @ information @ off < _MOST_NIS)
+        is_near = math.hypot(off[0], off[1]) < _MOST_OFF_M and off @ information @ off < _MOST_NIS
+        return bool(is_sure and is_near)

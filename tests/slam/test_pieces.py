@@ -55,14 +55,25 @@ def test_two_loops_tie_a_piece(ends, is_tied):
 def test_one_loop_ties_what_lies_where_the_wheels_led():
     keyframes, poses = drive()
     assert Pieces(keyframes, loops((1, 6)), poses).joined == [0, 0]
-    poses[4:, 0] += 3.0
+    poses[4:, 0] += 0.6
     assert Pieces(keyframes, loops((1, 6)), poses).joined == [0, 1]
 
 
 def test_wheels_tie_nothing_over_a_piece_that_lies_between():
     keyframes, poses = drive((3, 5))
     assert Pieces(keyframes, loops((1, 6)), poses).joined == [0, 1, 2]
-    assert Pieces(keyframes, loops((1, 6), (2, 7)), poses).joined == [0, 1, 0]
+    assert Pieces(unsure(keyframes, 3), loops((1, 6), (2, 7)), poses).joined == [0, 1, 0]
+
+
+def test_what_no_loop_ties_lies_between_wheels_to_it_and_on_from_it():
+    keyframes, poses = drive((3, 4))
+    ends = loops((0, 5), (1, 6))
+    assert Pieces(keyframes, ends, poses).joined == [0, 0, 0]
+    assert Pieces(keyframes, ends[:1], poses).joined == [0, 1, 2]
+    aside = poses.copy()
+    aside[3, 1] += 0.6
+    assert Pieces(keyframes, ends, aside).joined == [0, 1, 0]
+    assert Pieces(unsure(keyframes), ends, poses).joined == [0, 1, 0]
 
 
 def test_loops_to_pieces_that_hold_together_count_together():
