@@ -89,7 +89,9 @@ def _told(slam_map: SlamMap, by_wheels: Sequence[ToldStep]) -> list[Keyframe]:
     is_open |= {
         k
         for k, step in enumerate(by_wheels, start=first)
-        if _widest_m2(slam_map.keyframes[k].covariance) > _LITTLE_TOLD * _widest_m2(step.covariance)
+        if not slam_map.keyframes[k].is_break  # what is known over these, loops say
+        and _widest_m2(slam_map.keyframes[k].covariance)
+        > _LITTLE_TOLD * _widest_m2(step.covariance)
     }
     # what the scan itself tells of the way to these, their ties say
     is_open |= {loop.later for loop in (*slam_map.loops, *slam_map.rejected) if loop.is_tie}

@@ -19,13 +19,15 @@ scans that broke off make of wheels that are sure to 0.6 m."""
 _MOST_NIS, _MOST_OFF_M = 11.3, 0.5
 """Of that way as it is on the map (chi2 with three degrees of freedom, 1 %), and how far it may be off:
 what is taken for the wheels' error where scans broke off would excuse metres. Chosen."""
+_FEW = 2
+"""Keyframes of a piece that wheels alone may place. Chosen: five were 0.8 m off."""
 
 
 class Pieces:
     """Of keyframes at poses (K, 3): which pieces hold together.
 
     One loop alone may be of a place that looks the same: it takes two, between other keyframes on
-    either side, or that the wheels lead there as well; and a scan or some that no loop ties lie where
+    either side, or that the wheels lead there as well; and a scan or two that no loop ties lie where
     wheels lead to from before them, if they lead on from there to what came after. A session that has begun anywhere has rules of
     its own, see `MapSession`: it is tied by any loop. breaks: keyframes that a piece begins with, but
     for the first; joined: of each piece, the first one that it is tied to.
@@ -65,7 +67,8 @@ class Pieces:
         for at, (k, after) in enumerate(pairwise(self.breaks)):
             before, piece, on = self.joined[at : at + 3]
             is_one_drive = self._keyframes[k - 1].session == self._keyframes[after].session
-            if before == on != piece and is_one_drive and self._is_led(k) and self._is_led(after):
+            is_short = after - k <= _FEW and before == on != piece
+            if is_short and is_one_drive and self._is_led(k) and self._is_led(after):
                 yield before, piece
 
     def _between(self, pair: tuple[int, int]) -> list[int]:

@@ -74,6 +74,8 @@ def test_what_no_loop_ties_lies_between_wheels_to_it_and_on_from_it():
     aside[3, 1] += 0.6
     assert Pieces(keyframes, ends, aside).joined == [0, 1, 0]
     assert Pieces(unsure(keyframes), ends, poses).joined == [0, 1, 0]
+    long, poses = drive((2, 5))
+    assert Pieces(long, ends, poses).joined == [0, 1, 0]
 
 
 def test_loops_to_pieces_that_hold_together_count_together():
