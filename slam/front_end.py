@@ -23,7 +23,7 @@ from slam.open_runs import OpenRun
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.strays import ToldStep
+from slam.strays import ToldStep, told_step
 from slam.surface_map import SurfaceMatch, faced
 from slam.surface_window import SurfaceWindow
 from slam.views import Glances
@@ -107,7 +107,7 @@ class FrontEnd:
         """Where the wheels lead; the covariance since the last keyframe grows by that."""
         T_last, motion = self.T_map_base, self._motion(measurement)
         T_predicted = T_last @ self.wheel_scale.scaled(motion)
-        spread = measurement.motion_covariance + np.diag(np.square(self.config.step_sigma))
+        spread = told_step(measurement, self.config.step_sigma).covariance
         self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
         self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
         self._blind_m += self._way_m(measurement)

@@ -55,6 +55,8 @@ def between_m(graph: PoseGraph, one: int, other: int) -> float:
 def too_far_adrift(drift_m: float, poses: FloatArray) -> list[str]:
     """In words, that a map of keyframes at poses (K, 3) is held by too few loops to be right for
     sure; none where it is not."""
+    if len(poses) == 0:
+        return []
     if drift_m <= max(_MOST_DRIFT_M, _MOST_DRIFT * float(np.hypot(*np.ptp(poses[:, :2], axis=0)))):
         return []
     return [

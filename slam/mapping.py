@@ -27,7 +27,7 @@ from slam.rescaling import chained, rescaled
 from slam.se2 import SE2, wrap_angle
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
-from slam.strays import ToldStep, without_strays
+from slam.strays import ToldStep, told_step, without_strays
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
@@ -108,10 +108,7 @@ class Mapper:
         judged_motion = self._jumps.judged(measurement, is_blind)
         measurement, other = judged_motion.measurement, judged_motion.other
         told_m2 = float(measurement.motion_covariance[0, 0])
-        spread = measurement.motion_covariance + np.diag(
-            np.square(self.config.front_end.step_sigma)
-        )
-        self._told.append(ToldStep(measurement.motion, spread))
+        told = told_step(measurement, self.config.front_end.step_sigma)
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = self._front_end.T_map_base
@@ -120,6 +117,7 @@ class Mapper:
         if step.keyframe >= 0:
             step = replace(step, keyframe=self._session.first + step.keyframe)
         self._steps.append(replace(step, session=self._session.number))
+        self._told.append(told)
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1])
         self._session.look_for_join(self._front_end.usual_interval_s)
@@ -248,13 +246,18 @@ class Mapper:
         graph = graph_of(keyframes, (*kept, *rejected), poses, self.config.step_sigma)
         runs = self._front_end.loose_runs.ended
         first_step = self._session.first_step
-        steps = smoothed(self._steps, runs, first_step, keyframes, poses)
-        steps = with_scans_put_back(
-            steps, first_step, self._told, self._front_end.wheel_scale, poses
-        )
+        placed = smoothed(self._steps, runs, first_step, keyframes, poses)
+        wheel_scale = self._front_end.wheel_scale
+        steps = with_scans_put_back(placed, first_step, self._told, wheel_scale, poses)
+        strayed = {
+            (one.keyframe, one.T_keyframe_base)
+            for one, put_back in zip(placed, steps, strict=True)
+            if one is not put_back
+        }
         for k, glances in enumerate(self._front_end.glances, start=self._session.first):
             if not keyframes[k].is_place_alone:
-                keyframes[k] = replace(keyframes[k], glances=glances.kept)
+                own = [one for one in glances.kept if (k, one.T_keyframe_base) not in strayed]
+                keyframes[k] = replace(keyframes[k], glances=tuple(own))
         return SlamMap(
             tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(steps), verdict,
         )  # fmt: skip

@@ -30,6 +30,8 @@ _LATE = 2.0
 _MADE_UP = 0.3
 """Share of a way by which it may differ from the one that the robot would have gone since odometry last
 told of any, to make up for that. Chosen."""
+_MOST_SILENT = 8.0
+"""Times the interval between records; chosen: whoever is silent for longer has stood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +59,8 @@ class _Step:
 class JudgedMotion:
     """A measurement whose motion is to be believed, as far as it says itself; other: where the robot
     may have gone as well, where odometry has jumped, or it has not. has_jumped: it is known to have,
-    now or, where it told of a way back and then of one ahead, the time before."""
+    now or, where it told of a way back and then of one ahead, the time before; or may have, while scans
+    told nothing."""
 
     measurement: Measurement
     other: SE2 | None = None
@@ -93,11 +96,13 @@ class OdometryJumps:
         if way_m < _MOVES_M:
             return JudgedMotion(measurement)
         made_up_s = self._made_up_s(measurement, elapsed_s)
-        elapsed_s = made_up_s if is_blind else elapsed_s
+        # it may have jumped all the same: where walls look the same, nobody would notice
+        is_late = is_blind and made_up_s > elapsed_s
+        elapsed_s = made_up_s if is_late else elapsed_s
         step = _Step(measurement.time_s, way_m / elapsed_s, motion)
         is_fast, is_back = self._as_never_before(step)
         # who backs up goes on backwards
-        has_jumped = is_fast or (self._was_back and motion.x > 0.0)
+        has_jumped = is_fast or is_late or (self._was_back and motion.x > 0.0)
         self._was_back = is_back and not is_fast
         if is_fast or is_back:
             self._in_a_row += 1
@@ -122,7 +127,8 @@ class OdometryJumps:
         """In which time a motion was driven: that since the last one, or since before odometry that is
         late told of none, if it makes up for that."""
         silent_s, self._told_s = measurement.time_s - self._told_s, measurement.time_s
-        if silent_s <= elapsed_s or len(self._steps) < _LEAST:
+        is_late = elapsed_s < silent_s <= _MOST_SILENT * elapsed_s
+        if not is_late or len(self._steps) < _LEAST:
             return elapsed_s
         # steps of a hiccup are short and long by turns
         steps, motion = list(self._steps)[-_LEAST:], measurement.motion

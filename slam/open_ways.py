@@ -88,7 +88,7 @@ def _told(slam_map: SlamMap, by_wheels: Sequence[ToldStep]) -> list[Keyframe]:
     first = len(slam_map.keyframes) - len(by_wheels)
     is_open |= {
         k
-        for k, step in enumerate(by_wheels, start=first)
+        for k, step in enumerate(by_wheels[1:], start=first + 1)
         if not slam_map.keyframes[k].is_break  # what is known over these, loops say
         and _widest_m2(slam_map.keyframes[k].covariance)
         > _LITTLE_TOLD * _widest_m2(step.covariance)

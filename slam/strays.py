@@ -16,6 +16,7 @@ from slam.arrays import FloatArray
 from slam.front_end_config import GUESS_M
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
+from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 from slam.witnesses import Witnesses
@@ -51,7 +52,7 @@ class StrayConfig:
 
 @dataclass(frozen=True, eq=False)
 class ToldStep:
-    """How far the wheels went since the last keyframe, and the covariance (3, 3) of that."""
+    """How far the wheels went since the last keyframe, or scan, and the covariance (3, 3) of that."""
 
     motion: SE2
     covariance: FloatArray
@@ -74,6 +75,12 @@ class ToldStep:
         """Normalised error squared of a step that led from one pose to another."""
         off = ((T_before @ self.motion).inverse() @ T_after).log()
         return float(off @ np.linalg.inv(self.covariance + _LITTLE * np.eye(3)) @ off)
+
+
+def told_step(measurement: Measurement, step_sigma: tuple[float, float, float]) -> ToldStep:
+    """The motion since the last scan, as unsure as it says and by step_sigma (m, m, rad) beside."""
+    spread = measurement.motion_covariance + np.diag(np.square(step_sigma))
+    return ToldStep(measurement.motion, spread)
 
 
 def without_strays(

@@ -152,6 +152,8 @@ def test_late_odometry_that_makes_up_for_its_silence_has_not_jumped(silent):
     assert sigmas_m(motions, is_blind=True) == pytest.approx([0.01] * len(motions))
     judged = judged_each(motions, is_blind=True)
     assert judged[10 + silent].measurement.motion == made_up
+    # but may have, and between walls that look the same nobody would know
+    assert [one.has_jumped for one in judged] == [k == 10 + silent for k in range(12 + silent)]
     # what is far more than it makes up for is a jump still
     jump = SE2(made_up.x + 1.5, 0.0, 0.0)
     assert sigmas_m([*motions[: 10 + silent], jump], is_blind=True)[-1] > 1.0
@@ -160,7 +162,14 @@ def test_late_odometry_that_makes_up_for_its_silence_has_not_jumped(silent):
         assert sigmas_m(motions)[10 + silent] > 0.3
 
 
+def test_a_robot_that_has_stood_for_long_makes_up_for_nothing():
+    motions = [STEP] * 10 + [SE2.identity()] * 8 + [SE2(1.8, 0.0, 0.0)]
+    assert sigmas_m(motions, is_blind=True)[-1] > 1.0
+
+
 def test_late_odometry_makes_up_for_its_silence_by_the_usual_speed():
+    assert STEP.x < 0.25  # the last steps count, not those before
+    motions_before = [SE2(0.5, 0.0, 0.0)] * 10
     hiccup = [SE2(0.05, 0.0, 0.0), SE2(0.3, 0.0, 0.0), SE2(0.09, 0.0, 0.0)]
-    motions = [STEP] * 10 + hiccup + [SE2.identity()] * 4 + [SE2(1.0, 0.0, 0.0)]
+    motions = motions_before + [STEP] * 5 + hiccup + [SE2.identity()] * 4 + [SE2(1.0, 0.0, 0.0)]
     assert sigmas_m(motions, is_blind=True)[-1] == pytest.approx(0.01)
