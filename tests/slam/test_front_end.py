@@ -180,6 +180,43 @@ def two_poses(monkeypatch, front_end: FrontEnd, gain: float) -> None:
     monkeypatch.setattr(front_end._candidates, "around", around)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "noise_m", "denied", "status", "is_slid"),
+    [
+        (
+            0.72,
+            0.05,
+            0,
+            StepStatus.MATCHED,
+            False,
+        ),  # aces, thinned: it had slid a metre along a wall
+        (0.72, 0.05, 50, StepStatus.BROKEN, False),  # and others deny that it is where wheels led
+        (0.80, 0.05, 0, StepStatus.MATCHED, True),
+        (0.72, 0.40, 0, StepStatus.MATCHED, True),
+    ],
+)
+def test_scan_that_fits_badly_where_wheels_did_not_lead_is_where_they_led_or_begins_a_piece(
+    monkeypatch, ratio, noise_m, denied, status, is_slid
+):
+    front_end, second = after_one_scan()
+    match = front_end._window.surfaces.match
+
+    def led(points, told):
+        found = match(points, told.T_map_base, told.T_map_base, told.odometry)
+        return replace(found, T_map_base=told.T_map_base @ NEXT_DOOR, inlier_ratio=ratio)
+
+    monkeypatch.setattr(front_end._candidates, "led", led)
+    monkeypatch.setattr(front_end._candidates, "around", led)
+    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, denied))
+    covariance = np.diag([noise_m**2, noise_m**2, 0.05**2])
+    step = front_end.update(replace(second, motion_covariance=covariance))
+    assert step.status is status
+    T_wheels = front_end.keyframes[0].T_map_base @ second.motion
+    if status is StepStatus.MATCHED:
+        T_expected = T_wheels @ NEXT_DOOR if is_slid else T_wheels
+        assert step.T_map_base.is_near(T_expected, 0.1, 0.1)
+
+
 def test_scans_of_a_laser_that_somebody_stands_before_are_carried_and_break_nothing():
     front_end, rng = FrontEnd(ring.T_BASE_LASER), np.random.default_rng(0)
     steps = []

@@ -7,9 +7,11 @@ import pytest
 
 from slam import SE2
 from slam.keyframes import FrontEndStep, StepStatus
+from slam.mapping import Mapper
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep
 from slam.wheel_scale import WheelScale
+from tests.slam import ring
 
 MOTION = SE2(0.25, 0.0, 0.05)
 SPREAD = np.diag([4e-4, 4e-4, 4e-4])
@@ -67,6 +69,42 @@ def test_the_way_ends_where_the_next_keyframe_is():
     moved = with_scans_put_back(steps, 2, told, WheelScale(), poses)[5]
     off = right[5].T_keyframe_base.inverse() @ moved.T_keyframe_base
     assert 0.04 < off.x < 0.07  # of four steps to there three are done
+
+
+def test_wheels_count_by_the_scale_and_the_noise_that_was_learnt():
+    steps, told, poses = drive()
+    wheel_scale = WheelScale()
+    wheel_scale.scale = 0.8
+    longer = [ToldStep(SE2(one.motion.x / 0.8, 0.0, one.motion.theta), SPREAD) for one in told]
+    strayed = [*steps]
+    strayed[4] = put_aside(steps[4], SE2(0.6, 0.0, 0.0))
+    moved = with_scans_put_back(strayed, 2, longer, wheel_scale, poses)[4]
+    assert moved.T_keyframe_base.is_near(steps[4].T_keyframe_base, 1e-9, 1e-9)
+    wheel_scale._noise = 12.0  # as noisy as that, a scan may be half a metre off them
+    assert with_scans_put_back(strayed, 2, longer, wheel_scale, poses)[4] is strayed[4]
+
+
+def test_scan_put_back_takes_what_it_saw_along():
+    """Through the whole mapping: neither pose nor glance stays aside."""
+    measurements = ring.drive(ring.way(0.3, 0.1), np.random.default_rng(0), 1.0, 1.0)
+    mapper = Mapper(ring.T_BASE_LASER)
+    for measurement in measurements:
+        mapper.update(measurement)
+    steps, glances = mapper._steps, mapper._front_end.glances
+    at, glance = next(
+        (at, glance)
+        for at, step in enumerate(steps[20:], start=20)
+        for glance in glances[step.keyframe]._kept
+        if not step.is_keyframe and glance.T_keyframe_base == step.T_keyframe_base
+    )
+    right, kept = steps[at], glances[steps[at].keyframe]._kept
+    steps[at] = put_aside(right, SE2(0.0, 0.6, 0.0))
+    kept[kept.index(glance)] = glance._replace(T_keyframe_base=steps[at].T_keyframe_base)
+    slam_map = mapper.finish()
+    assert slam_map.steps[at].T_keyframe_base.is_near(right.T_keyframe_base, 0.05, 0.05)
+    poses = [one.T_keyframe_base for one in slam_map.keyframes[right.keyframe].glances]
+    assert len(poses) == len(kept) - 1
+    assert steps[at].T_keyframe_base not in poses
 
 
 @pytest.mark.parametrize(
