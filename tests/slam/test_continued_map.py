@@ -289,3 +289,10 @@ def test_what_a_drive_said_against_its_map_is_not_forgotten_in_the_next(first):
     assert again.unjoined == ()
     assert again.verdict.reasons == (objection,)
     assert not again.verdict.is_good
+
+
+def test_a_session_without_a_scan_that_sees_is_continued():
+    empty = Mapper(ring.T_BASE_LASER).finish()
+    slam_map = Mapper.continued(empty, ring.T_BASE_LASER).finish()
+    assert slam_map.keyframes == ()
+    assert not slam_map.verdict.is_good

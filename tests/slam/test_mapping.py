@@ -16,6 +16,7 @@ from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.odometry import compose_covariance
+from slam.odometry_jumps import OdometryJumps
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
@@ -448,3 +449,25 @@ def test_drive_without_a_scan_that_tells_anything_has_an_empty_map(poses):
     assert len(found.trajectory) == 10
     assert not found.verdict.is_good
     assert found.verdict.reasons == ("no scan tells anything: there is nothing on the map",)
+
+
+def test_odometry_is_judged_by_whether_the_last_scan_told_anything(monkeypatch):
+    """As of a laser that stands still for some scans; what was driven meanwhile, wheels tell for sure."""
+    told: list[bool] = []
+    judge = OdometryJumps.judged
+
+    def judged(self, measurement, is_blind=False):
+        told.append(is_blind)
+        return judge(self, measurement, is_blind)
+
+    monkeypatch.setattr(OdometryJumps, "judged", judged)
+    measurements = ring.drive(ring.way(0.2), np.random.default_rng(0))
+    frozen = replace(measurements[20].scan)
+    for k in range(21, 30):
+        measurements[k] = replace(measurements[k], scan=replace(frozen, time_s=float(k)))
+    mapper = Mapper(ring.T_BASE_LASER)
+    statuses = [mapper.update(measurement).status for measurement in measurements]
+    assert statuses[21:30] == [StepStatus.CARRIED] * 9
+    assert told == [False] + [one is StepStatus.CARRIED for one in statuses[:-1]]
+    (run,) = mapper._front_end.loose_runs.ended
+    assert {scan.trust for scan in run.scans} == {60.0 * mapper._front_end.wheel_scale.noise}
