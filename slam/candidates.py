@@ -36,8 +36,8 @@ class Prediction:
 
     odometry: (3, 3) information by which matches are held there; not the inverse of the covariance
     if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
-    see `WheelScale`. other: a motion that may have been in
-    its place.
+    see `WheelScale`. other: a motion that may have been in its place. T_coasted: where the robot is if
+    it went on as before, None where that is not known.
     """
 
     T_last: SE2
@@ -47,6 +47,7 @@ class Prediction:
     noise: float
     is_coasting: bool
     other: SE2 | None = None
+    T_coasted: SE2 | None = None
 
     @property
     def is_guess(self) -> bool:
@@ -99,20 +100,23 @@ class Candidates:
         return self._surfaces.match(points, T, T, told.odometry, pull=share)
 
     def around(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
-        """The best match from where the robot was last and from all around where it may be."""
+        """The best match from where the robot was last and from all around where it may be: there, where
+        the wheels lead, and where it is if it went on as before, whatever the wheels say."""
         config, T_last, T_predicted = self._config, told.T_last, told.T_map_base
+        middles = [T_last, T_predicted]
+        middles += [] if told.T_coasted is None else [told.T_coasted]
         found = [
             self._surfaces.match(points, T_predicted, T_predicted, told.odometry, config.trust)
         ]
         starts = [T_last]
-        for middle in (T_last, T_predicted):
+        for middle in middles:
             starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
         # wheels that are that far off tell little of where along a wall the robot is
         loose = LITTLE * told.odometry
         for start in starts:
             match = self._surfaces.match(points, start, T_predicted, loose)
             reach = _WIDER * config.reach_m, _WIDER * config.reach_rad
-            if any(match.T_map_base.is_near(middle, *reach) for middle in (T_last, T_predicted)):
+            if any(match.T_map_base.is_near(middle, *reach) for middle in middles):
                 found.append(match)
         return min(found, key=lambda match: match.cost)
 

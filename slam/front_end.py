@@ -116,8 +116,11 @@ class FrontEnd:
         if is_coasting:
             way_m = math.hypot(T_predicted.x - T_last.x, T_predicted.y - T_last.y)
             held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
-        noise = self.wheel_scale.noise
-        return Prediction(T_last, T_predicted, self._P, inverse_of(held), noise, is_coasting, other)
+        usual = self._velocity.motion(self._elapsed_s)
+        return Prediction(
+            T_last, T_predicted, self._P, inverse_of(held), self.wheel_scale.noise, is_coasting, other,
+            None if usual is None or is_coasting else T_last @ usual,
+        )  # fmt: skip
 
     def _believed(
         self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction

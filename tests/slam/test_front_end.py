@@ -393,3 +393,24 @@ def test_wheels_that_are_a_guess_lead_blind_for_two_metres(sigma_m, status):
         told = SE2(0.4, 0.0, 0.0) if k else SE2.identity()
         step = front_end.update(Measurement(1.0 * k, told, scan, covariance))
     assert step.status is status
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_robot_whose_odometry_turns_by_a_right_angle_is_looked_for_where_it_went_on_to(seed):
+    """As of aces: a metre on, and farther than the search reaches from where it was and is said to be."""
+    rng, posts, x = np.random.default_rng(seed), [], 1.0
+    while x < 29.0:
+        low = 1.0 if len(posts) % 2 == 0 else -1.2
+        posts.append(box(x, low, x + rng.uniform(0.3, 1.0), low + 0.2))
+        x += rng.uniform(0.6, 1.6)
+    walls, front_end = (
+        np.concatenate([room(0.0, -1.2, 30.0, 1.2), *posts]),
+        FrontEnd(SE2.identity()),
+    )
+    for k, x in enumerate(np.arange(8.0, 18.0, 1.25)):
+        motion = SE2(0.6, 0.65, math.pi / 2.0) if k == 6 else SE2(1.25 * (k > 0), 0.0, 0.0)
+        scan = scan_of(walls, SE2(x, 0.0, 0.0), rng, 0.01, range_max_m=8.0)
+        told = 0.05**2 * (k > 0) * np.eye(3)
+        step = front_end.update(Measurement(3.0 * k, motion, scan, told))
+        assert step.T_map_base.is_near(SE2(x - 8.0, 0.0, 0.0), 0.15, 0.05)
+        assert step.status is (StepStatus.SEARCHED if k == 6 else step.status)
