@@ -14,7 +14,7 @@ from slam.front_end import FrontEnd
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.loop_closing import Loop, LoopCloser
+from slam.loop_closing import Loop, LoopCloser, without_ties
 from slam.loose_runs import smoothed
 from slam.map_consistency import acquitted, judged
 from slam.map_drift import between_m, too_far_adrift
@@ -173,7 +173,10 @@ class Mapper:
         ends = [end for loop in slam_map.rejected for end in (loop.earlier, loop.later)]
         if any(one - beside <= end <= other + beside for end in ends):
             return math.inf
-        return between_m(slam_map.graph, one, other)
+        # a tie is looked for where the way that nobody measured would have led
+        loops = without_ties((*slam_map.loops, *slam_map.rejected))
+        graph = graph_of(slam_map.keyframes, loops, slam_map.poses, self.config.step_sigma)
+        return between_m(graph, one, other)
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""
