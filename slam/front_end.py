@@ -268,9 +268,9 @@ class FrontEnd:
         doubtful = (
             config.least_inlier_ratio if has_paused or is_blind else config.denial.doubtful_ratio
         )
+        is_borne_out = self._candidates.is_borne_out
         for match in (led, self._candidates.held(points, told)):
-            is_borne_out = self._candidates.is_borne_out(match, told, points, beams)
-            if is_borne_out and match.inlier_ratio >= doubtful:
+            if match.inlier_ratio >= doubtful and is_borne_out(match, told, points, beams):
                 return match, StepStatus.MATCHED
         return None, StepStatus.BROKEN
 

@@ -11,7 +11,7 @@ from slam.kernels.graph_ways import ways_from
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop, without_ties
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
-from slam.se2 import SE2
+from slam.se2 import SE2, wrap_angle
 from slam.slam_map import add_loop, add_step, graph_of
 
 _TORN_M = 100.0
@@ -91,6 +91,14 @@ class KeyframeGraph:
         ways_m = np.empty(len(poses))
         ways_from(index, steps_m, ends, loops_m, ways_m)
         return ways_m
+
+    def is_crowded(self, index: int, near: tuple[float, float], most: int) -> bool:
+        """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
+        off = self.poses - self.pose(index).as_array()
+        is_near = np.hypot(off[:, 0], off[:, 1]) < near[0]
+        is_near &= np.abs(wrap_angle(off[:, 2])) < near[1]
+        has_scan = (not self.keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
+        return sum(has_scan) > most
 
     def take(self, loops: Sequence[Loop]) -> None:
         """More loops."""

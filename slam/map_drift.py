@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from slam.arrays import FloatArray, IntArray
+from slam.odometry import place_sigma_m
 from slam.pose_graph import PoseGraph
 
 _ASKED = 24
@@ -49,7 +50,7 @@ def between_m(graph: PoseGraph, one: int, other: int) -> float:
         (covariance,) = graph.solve().relative_covariances(np.array([(one, other)]))
     except ValueError:
         return math.inf
-    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    return place_sigma_m(covariance)
 
 
 def too_far_adrift(drift_m: float, poses: FloatArray) -> list[str]:

@@ -12,7 +12,8 @@ from slam.arrays import FloatArray
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe
 from slam.loop_closing import LoopCloser
-from slam.map_consistency import do_contradict
+from slam.map_consistency import do_contradict, judged
+from slam.map_drift import too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.se2 import SE2
 from slam.session_joining import SessionJoiner, set_aside
@@ -141,3 +142,16 @@ class MapSession:
         if self.first == len(keyframes) and len(steps) > self.first_step > 0:
             return [f"session {self.number + 1} has no scan that tells anything"]
         return []
+
+
+def objections_of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
+    """What the drives themselves said against a map that is continued: its scans are judged anew, and
+    how far it drifted; how far a robot went between walls that look the same nobody can say later."""
+    if slam_map.verdict.is_good:
+        return []
+    told = slam_map.keyframes, slam_map.poses, slam_map.loops, slam_map.rejected
+    anew = (
+        *judged(*told, config.consistency).reasons,
+        *too_far_adrift(slam_map.drift_m, slam_map.poses),
+    )
+    return [reason for reason in slam_map.verdict.reasons if reason not in anew]

@@ -18,13 +18,13 @@ from slam.loop_closing import Loop, LoopCloser, without_ties
 from slam.loose_runs import smoothed
 from slam.map_consistency import acquitted, judged
 from slam.map_drift import between_m, too_far_adrift
-from slam.map_session import MapSession
+from slam.map_session import MapSession, objections_of_drives
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.odometry_jumps import OdometryJumps
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
-from slam.se2 import SE2, wrap_angle
+from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, told_step, without_strays
@@ -94,7 +94,7 @@ class Mapper:
             slam_map, start, mapper._graph, mapper._closer, mapper.config
         )
         mapper.T_map_base = mapper._session.start
-        mapper._known_objections = _of_drives(slam_map, mapper.config)
+        mapper._known_objections = objections_of_drives(slam_map, mapper.config)
         return mapper
 
     def update(self, measurement: Measurement) -> MapperStep:
@@ -253,14 +253,13 @@ class Mapper:
         wheel_scale = self._front_end.wheel_scale
         steps = with_scans_put_back(placed, first_step, self._told, wheel_scale, poses)
         strayed = {
-            (one.keyframe, one.T_keyframe_base)
-            for one, put_back in zip(placed, steps, strict=True)
-            if one is not put_back
+            one.T_keyframe_base
+            for one, other in zip(placed, steps, strict=True)
+            if one is not other
         }
         for k, glances in enumerate(self._front_end.glances, start=self._session.first):
             if not keyframes[k].is_place_alone:
-                own = [one for one in glances.kept if (k, one.T_keyframe_base) not in strayed]
-                keyframes[k] = replace(keyframes[k], glances=tuple(own))
+                keyframes[k] = replace(keyframes[k], glances=glances.kept_but(strayed))
         return SlamMap(
             tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(steps), verdict,
         )  # fmt: skip
@@ -322,11 +321,7 @@ class Mapper:
     def _is_crowded(self, index: int) -> bool:
         """Whether there are scans enough from about where a keyframe is."""
         config = self.config
-        off = self._graph.poses - self._graph.pose(index).as_array()
-        is_near = np.hypot(off[:, 0], off[:, 1]) < config.crowd_m
-        is_near &= np.abs(wrap_angle(off[:, 2])) < config.crowd_rad
-        has_scan = (not self._graph.keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
-        return sum(has_scan) > config.crowd
+        return self._graph.is_crowded(index, (config.crowd_m, config.crowd_rad), config.crowd)
 
     def _place_before(self, keyframe: Keyframe) -> None:
         """Has the session's scans before its first keyframe, which told nothing, seen from that."""
@@ -345,16 +340,3 @@ class Mapper:
         return closer.found(
             graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._session.comparable
         )
-
-
-def _of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
-    """What the drives themselves said against a map that is continued: its scans are judged anew, and
-    how far it drifted; how far a robot went between walls that look the same nobody can say later."""
-    if slam_map.verdict.is_good:
-        return []
-    told = slam_map.keyframes, slam_map.poses, slam_map.loops, slam_map.rejected
-    anew = (
-        *judged(*told, config.consistency).reasons,
-        *too_far_adrift(slam_map.drift_m, slam_map.poses),
-    )
-    return [reason for reason in slam_map.verdict.reasons if reason not in anew]

@@ -103,6 +103,12 @@ def compose_covariance(
     return np.asarray(carried(covariance_first, x, y, theta) + covariance_second)
 
 
+def place_sigma_m(covariance: FloatArray) -> float:
+    """Standard deviation [m] of a pose's place, by its covariance (3, 3), in the direction in which it is
+    known least."""
+    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+
+
 @dataclass(frozen=True)
 class WheelModel:
     """How ticks and scans of a robot come to be: what a calibration finds of it.

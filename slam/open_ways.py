@@ -13,6 +13,7 @@ from slam.arrays import FloatArray
 from slam.front_end import FrontEnd
 from slam.keyframes import Keyframe
 from slam.map_drift import drift_m
+from slam.odometry import place_sigma_m
 from slam.rescaling import chained, rescaled
 from slam.slam_map import SlamMap, graph_of
 from slam.strays import ToldStep
@@ -90,8 +91,8 @@ def _told(slam_map: SlamMap, by_wheels: Sequence[ToldStep]) -> list[Keyframe]:
         k
         for k, step in enumerate(by_wheels[1:], start=first + 1)
         if not slam_map.keyframes[k].is_break  # what is known over these, loops say
-        and _widest_m2(slam_map.keyframes[k].covariance)
-        > _LITTLE_TOLD * _widest_m2(step.covariance)
+        and place_sigma_m(slam_map.keyframes[k].covariance)
+        > math.sqrt(_LITTLE_TOLD) * place_sigma_m(step.covariance)
     }
     # what the scan itself tells of the way to these, their ties say
     is_open |= {loop.later for loop in (*slam_map.loops, *slam_map.rejected) if loop.is_tie}
@@ -99,11 +100,6 @@ def _told(slam_map: SlamMap, by_wheels: Sequence[ToldStep]) -> list[Keyframe]:
         one if k in is_open else replace(one, covariance=_KNOWN)
         for k, one in enumerate(slam_map.keyframes)
     ]
-
-
-def _widest_m2(covariance: FloatArray) -> float:
-    """Variance of a place (3, 3) along the direction in which it is known least."""
-    return float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
 
 
 def _spread_m(moved: FloatArray) -> float:

@@ -12,6 +12,7 @@ from slam.arrays import FloatArray
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
+from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 
 _SURE_M, _TOLD_M = 0.8, 3.0
@@ -24,6 +25,7 @@ _MANY = 4
 """Keyframes on either side that loops need, if the wheels say otherwise. Chosen: three on one side and two
 on the other tied a third of mit-csail 11 m off, where these were off by 27, squared and normalised."""
 _LITTLE = 1e-6
+"""[m2], [rad2]: a map file may say that a way over a break is known for sure."""
 _FEW = 2
 """Keyframes of a piece that wheels alone may place. Chosen: five were 0.8 m off."""
 
@@ -108,13 +110,10 @@ class Pieces:
     def _agrees(self, k: int) -> bool:
         """Whether wheels that tell of the way over a break do not contradict where the map has what
         came after."""
-        return self._widest_m(k) < _TOLD_M and self._off(k)[1] < _MOST_NIS
+        is_told = place_sigma_m(self._keyframes[k].covariance) < _TOLD_M
+        return is_told and self._off(k)[1] < _MOST_NIS
 
     def _is_led(self, k: int) -> bool:
         """Whether wheels lead over a break to where the map has what came after it, and are sure of it."""
         is_near = self._off(k)[0] < _MOST_OFF_M and self._agrees(k)
-        return is_near and self._widest_m(k) < _SURE_M
-
-    def _widest_m(self, k: int) -> float:
-        """Standard deviation of the wheels' way over a break, where they know it least."""
-        return math.sqrt(np.linalg.eigvalsh(self._keyframes[k].covariance[:2, :2])[-1])
+        return is_near and place_sigma_m(self._keyframes[k].covariance) < _SURE_M

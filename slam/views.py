@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from typing import NamedTuple
 
 import numpy as np
@@ -81,3 +82,7 @@ class Glances:
     def kept(self) -> tuple[Glance, ...]:
         """Those kept, at most 16."""
         return tuple(self._kept)
+
+    def kept_but(self, strayed: Set[SE2]) -> tuple[Glance, ...]:
+        """Those kept, but for such as were not taken where they seemed to be."""
+        return tuple(one for one in self._kept if one.T_keyframe_base not in strayed)
