@@ -28,6 +28,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, told_step, without_strays
+from slam.wheels_borne_out import believe_where_borne_out, told_to_keyframes
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
@@ -143,6 +144,11 @@ class Mapper:
         """
         self._session.look_for_join(math.inf)
         self._rescale()
+        if self.config.is_odometry_doubted:
+            own = self._steps[self._session.first_step :]
+            believe_where_borne_out(
+                self._graph, self._front_end, told_to_keyframes(own, self._told)
+            )
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._between_m, slam_map))
@@ -251,7 +257,9 @@ class Mapper:
         first_step = self._session.first_step
         placed = smoothed(self._steps, runs, first_step, keyframes, poses)
         wheel_scale = self._front_end.wheel_scale
-        steps = with_scans_put_back(placed, first_step, self._told, wheel_scale, poses)
+        steps = with_scans_put_back(
+            placed, first_step, self._told, wheel_scale, poses, self.config.is_odometry_doubted
+        )
         strayed = {
             one.T_keyframe_base
             for one, other in zip(placed, steps, strict=True)

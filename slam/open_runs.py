@@ -21,6 +21,8 @@ _SLID_M = -1.2, -0.8, -0.4, 0.4, 0.8, 1.2
 _SAME_M = 0.2
 """Along the way, where a scan may fit as well as where it was matched; and how far off it is another
 place. Chosen."""
+EXACTLY = 1e-9 * np.eye(3)
+"""[m2], [rad2]: of where steps led, if that is to be as it was seen. Chosen."""
 
 
 class OpenRun:

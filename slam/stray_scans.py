@@ -7,16 +7,15 @@ between walls that look the same or in open ground, the next one is placed right
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
-
-import numpy as np
+from itertools import accumulate, pairwise
 
 from slam.arrays import FloatArray
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import FrontEndStep, StepStatus
-from slam.odometry import compose_covariance
+from slam.open_runs import EXACTLY, tied
 from slam.se2 import SE2
 from slam.strays import ToldStep
 from slam.wheel_scale import WheelScale
@@ -34,8 +33,12 @@ def with_scans_put_back(
     told: Sequence[ToldStep],
     wheel_scale: WheelScale,
     poses: FloatArray,
+    is_doubted: bool = False,
 ) -> list[FrontEndStep]:
     """All steps, those of the last session that had strayed on the way between their keyframes.
+
+    is_doubted: scans that do not say where they were taken had been placed without the wheels; they are
+    put there as well.
 
     first_step: with which the session begins; told: the motion by the wheels to each of its scans,
     from the one before. poses: (K, 3) of the keyframes [m, rad].
@@ -53,7 +56,8 @@ def with_scans_put_back(
         for at, T_way in enumerate(way.poses, start=start + 1):
             step = steps[at]
             is_seen = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED) and not step.is_open
-            if is_seen and way.is_left(T_way, step.T_keyframe_base):
+            is_to_move = way.is_off(T_way, step.T_keyframe_base) if is_seen else is_doubted
+            if is_to_move and _apart_m(T_way, step.T_keyframe_base) > _LEAST_M:
                 T_map_base = steps[start].T_map_base @ T_way
                 moved[at] = replace(step, T_map_base=T_map_base, T_keyframe_base=T_way)
     return moved
@@ -72,29 +76,24 @@ class _Way:
     @staticmethod
     def told(steps: Sequence[ToldStep], wheel_scale: WheelScale, T_end: SE2) -> _Way | None:
         """Ends where it should, by as much as it gets less sure on the way; None where wheels are off
-        by more than they should be, or told nothing."""
-        if any(step.is_guess for step in steps):
+        by more than they should be, or told nothing. They may have jumped, once."""
+        if sum(step.is_guess for step in steps) > 1:
             return None
-        T, covariance, poses, sums = SE2.identity(), np.zeros((3, 3)), [], []
-        for step in steps:
-            motion = wheel_scale.scaled(step.motion)
-            covariance = compose_covariance(covariance, motion, step.covariance)
-            T = T @ motion
-            poses.append(T)
-            sums.append(float(np.trace(covariance)))
-        covariance = wheel_scale.noise * covariance
-        off = (T.inverse() @ T_end).log()
+        scaled = [replace(step, motion=wheel_scale.scaled(step.motion)) for step in steps]
+        way = ToldStep.of(scaled)
+        covariance = wheel_scale.noise * way.covariance
+        off = (way.motion.inverse() @ T_end).log()
         if off @ inverse_of(covariance) @ off > _TRUST:
             return None
-        shares = np.array(sums[:-1]) / sums[-1]
-        moved = [
-            pose @ SE2.exp(share * off) for pose, share in zip(poses[:-1], shares, strict=True)
-        ]
-        return _Way(moved, covariance)
+        motions = tied(scaled, T_end, EXACTLY)
+        poses = list(accumulate(motions[:-1], operator.matmul))
+        return _Way(poses, covariance)
 
-    def is_left(self, T_way: SE2, T_seen: SE2) -> bool:
+    def is_off(self, T_way: SE2, T_seen: SE2) -> bool:
         """Whether a scan seen at one pose was rather taken at the one on the way."""
-        if math.hypot(T_seen.x - T_way.x, T_seen.y - T_way.y) < _LEAST_M:
-            return False
         off = (T_way.inverse() @ T_seen).log()
         return bool(off @ inverse_of(self.covariance) @ off > _TRUST)
+
+
+def _apart_m(one: SE2, other: SE2) -> float:
+    return math.hypot(other.x - one.x, other.y - one.y)

@@ -7,8 +7,9 @@ better than where it was taken. The next scan shows it, but the front end does n
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from slam.front_end_config import GUESS_M
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.measurements import Measurement
+from slam.odometry import compose_covariance
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 from slam.witnesses import Witnesses
@@ -63,8 +65,16 @@ class ToldStep:
         return ToldStep(SE2.identity(), np.zeros((3, 3)))
 
     def then(self, motion: SE2, covariance: FloatArray) -> ToldStep:
-        """And a motion more, of a covariance (3, 3); what turns do to the sum is left out."""
-        return ToldStep(self.motion @ motion, self.covariance + covariance)
+        """And a motion more, of a covariance (3, 3)."""
+        carried = compose_covariance(self.covariance, motion, covariance)
+        return ToldStep(self.motion @ motion, carried)
+
+    @staticmethod
+    def of(steps: Iterable[ToldStep]) -> ToldStep:
+        """One step of all of them, one after the other."""
+        return reduce(
+            lambda way, step: way.then(step.motion, step.covariance), steps, ToldStep.none()
+        )
 
     @property
     def is_guess(self) -> bool:

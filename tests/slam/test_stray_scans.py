@@ -127,3 +127,24 @@ def test_scans_are_left_where_wheels_tell_no_better(kind):
         told = [ToldStep(MOTION, 12.0 * SPREAD)] * len(told)
     moved = with_scans_put_back(steps, 2, told, wheel_scale, poses)
     assert all(one is other for one, other in zip(moved, steps, strict=True))
+
+
+@pytest.mark.parametrize("kind", ["open", "carried"])
+def test_scans_that_do_not_say_where_they_were_lie_by_doubted_wheels_as_well(kind):
+    """Where odometry jumped between them, all of the jump is there."""
+    right, told, poses = drive()
+    told[2] = ToldStep(MOTION @ SE2(1.4, 0.0, 0.0), SPREAD + np.diag([2.0, 2.0, 0.1]))
+    steps = [
+        put_aside(one, SE2(0.7, 0.0, 0.0)) if at in (3, 4) else one for at, one in enumerate(right)
+    ]
+    for at in (3, 4, 5):
+        is_open = kind == "open"
+        status = StepStatus.MATCHED if is_open else StepStatus.CARRIED
+        steps[at] = replace(steps[at], is_open=is_open, status=status)
+    moved = with_scans_put_back(steps, 2, told, WheelScale(), poses, is_doubted=True)
+    for at in (3, 4):
+        assert moved[at].T_keyframe_base.is_near(right[at].T_keyframe_base, 0.05, 0.02)
+    assert moved[5] is steps[5]  # near the way, it stays, and what it saw
+    assert with_scans_put_back(steps, 2, told, WheelScale(), poses)[4] is steps[4]
+    told[1] = told[2]
+    assert with_scans_put_back(steps, 2, told, WheelScale(), poses, is_doubted=True)[4] is steps[4]
