@@ -11,6 +11,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd
+from slam.hanging_pieces import hanging_pieces
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
@@ -28,7 +29,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, told_step, without_strays
-from slam.wheels_borne_out import believe_where_borne_out, told_to_keyframes
+from slam.wheels_borne_out import believe_where_borne_out
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
@@ -146,16 +147,14 @@ class Mapper:
         self._rescale()
         if self.config.is_odometry_doubted:
             own = self._steps[self._session.first_step :]
-            believe_where_borne_out(
-                self._graph, self._front_end, told_to_keyframes(own, self._told)
-            )
+            believe_where_borne_out(self._graph, self._front_end, own, self._told)
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._between_m, slam_map))
         said += self._begun_with_jump()
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
-            said = too_far_adrift(slam_map.drift_m, slam_map.poses)
+            said = too_far_adrift(slam_map.drift_m, slam_map.poses) or hanging_pieces(slam_map)
         return slam_map.objected([*self._known_objections, *said])
 
     def _begun_with_jump(self) -> list[str]:

@@ -49,14 +49,18 @@ def told_to_keyframes(steps: Sequence[FrontEndStep], told: Sequence[ToldStep]) -
 
 
 def believe_where_borne_out(
-    graph: KeyframeGraph, front_end: FrontEnd, told: Sequence[ToldStep]
+    graph: KeyframeGraph,
+    front_end: FrontEnd,
+    steps: Sequence[FrontEndStep],
+    told: Sequence[ToldStep],
 ) -> None:
     """Takes the steps of a graph's last session by the wheels, where what loops show of a stretch agrees
-    with these; told: to each keyframe of its front end from the one before."""
+    with these. steps: of the session's scans; told: the motion to each of these from the one before."""
     if not graph.loops:
         return
-    first, keyframes = len(graph) - len(told), list(graph.keyframes)
-    for k, step in borne_out(keyframes, graph.solve(), told).items():
+    to_keyframes, keyframes = told_to_keyframes(steps, told), list(graph.keyframes)
+    first = len(keyframes) - len(to_keyframes)
+    for k, step in borne_out(keyframes, graph.solve(), to_keyframes).items():
         own = k - first
         front_end.told_steps[own] = step
         front_end.scaled_steps[own] = replace(front_end.scaled_steps[own], slope=np.zeros(3))

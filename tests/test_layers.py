@@ -140,7 +140,7 @@ RANKS = (
     },
     {"localization", "known_map", "mapping", "map_session", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
-    | {"open_ways", "wheels_borne_out"},
+    | {"hanging_pieces", "open_ways", "wheels_borne_out"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

@@ -1,0 +1,75 @@
+"""What is come to blind lies where loops tie it: from far away, nobody knows where that is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam import SE2
+from slam.beams import Beams
+from slam.hanging_pieces import hanging_pieces
+from slam.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.loop_closing import Loop
+from slam.map_consistency import MapVerdict
+from slam.slam_map import SlamMap, graph_of
+
+COUNT, BREAK = 60, 20
+NEAR, FAR = ((17, 42), (19, 40), (22, 37), (25, 34)), ((0, 59), (1, 58), (2, 57), (3, 56))
+SURE, BLIND = np.diag([1e-4, 1e-4, 2.5e-5]), np.diag([0.25, 0.25, 0.09])
+
+
+def driven(ends: tuple[tuple[int, int], ...]) -> SlamMap:
+    """There and back, half a metre aside, a keyframe each metre; one of them was come to blind."""
+    places = [SE2(float(k), 0.0, 0.0) for k in range(COUNT // 2)]
+    places += [SE2(float(COUNT - 1 - k), 0.5, np.pi) for k in range(COUNT // 2, COUNT)]
+    empty = Beams(np.empty((0, 2)), np.empty(0), np.empty(0))
+    keyframes, steps = [], []
+    for k, pose in enumerate(places):
+        T_before = places[max(k - 1, 0)].inverse() @ pose
+        covariance = BLIND if k == BREAK else SURE
+        keyframes.append(
+            Keyframe(float(k), pose, T_before, covariance, np.empty((0, 2)), empty, k == BREAK)
+        )
+        if k == BREAK:
+            steps.append(step_of(k - 1, k - 0.5, StepStatus.CARRIED, is_keyframe=False))
+        status = StepStatus.BROKEN if k == BREAK else StepStatus.MATCHED
+        steps.append(step_of(k, float(k), status, is_keyframe=True))
+    loops = tuple(
+        Loop(i, j, places[i].inverse() @ places[j], np.linalg.inv(SURE), 1.0, 0.0) for i, j in ends
+    )
+    poses = np.array([pose.as_array() for pose in places])
+    graph, verdict = graph_of(keyframes, loops, poses), MapVerdict(True, 0.0, 0.0, 0)
+    return SlamMap(tuple(keyframes), poses, loops, (), graph, tuple(steps), verdict)
+
+
+def step_of(keyframe: int, time_s: float, status: StepStatus, is_keyframe: bool) -> FrontEndStep:
+    T = SE2.identity()
+    return FrontEndStep(time_s, keyframe, T, T, status, 1.0, is_keyframe)
+
+
+@pytest.mark.parametrize(("ends", "hangs"), [(NEAR, False), (FAR, True), (NEAR + FAR, False)])
+def test_piece_hangs_by_loops_that_are_far_from_where_it_begins(ends, hangs):
+    said = hanging_pieces(driven(ends))
+    assert bool(said) is hangs
+    if hangs:
+        assert "until 20.00 s no scan told" in said[0]
+
+
+@pytest.mark.parametrize("kind", ["seen", "another session", "no break"])
+def test_only_what_was_come_to_blind_hangs(kind):
+    slam_map = driven(FAR)
+    steps, keyframes = list(slam_map.steps), list(slam_map.keyframes)
+    if kind == "seen":
+        steps[BREAK] = replace(steps[BREAK], status=StepStatus.MATCHED)
+    elif kind == "another session":
+        steps = [replace(one, session=int(one.keyframe >= BREAK)) for one in steps]
+    else:
+        keyframes[BREAK] = replace(keyframes[BREAK], is_break=False)
+    assert hanging_pieces(replace(slam_map, steps=tuple(steps), keyframes=tuple(keyframes))) == []
+
+
+def test_map_that_knows_no_place_better_is_no_measure():
+    slam_map = driven(FAR)
+    loose = [replace(one, covariance=BLIND) for one in slam_map.keyframes]
+    graph = graph_of(loose, slam_map.loops, slam_map.poses)
+    assert hanging_pieces(replace(slam_map, keyframes=tuple(loose), graph=graph)) == []
