@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from slam.arrays import FloatArray, IntArray
+from slam.front_end_config import FrontEndConfig
 from slam.keyframes import StepStatus
 from slam.odometry import place_sigma_m
-from slam.slam_map import SlamMap
+from slam.pose_graph import PoseGraph
+from slam.slam_map import SlamMap, graph_of
 
-_LOOSER = 4.0
-"""Times what a map knows elsewhere of two places as far apart, up to which the way over a break is known.
-Chosen: of 22 maps of mit-csail with a laser that froze 3.3 and less in those that were right, 4.6 and 5.3
-in two that were 0.23 and 0.16 m off. Where scans are missing and were not blind, right maps of aces have up
-to 15, since wheels that may be wrong there are not."""
-_LEAST_M = 0.15
-"""Standard deviation of that; chosen: less is no matter, however well the rest is known."""
+_LOOSER, _LEAST_M = 3.0, 0.3
+"""Times what a map knows elsewhere of two places as far apart, up to which the way over a break is known;
+and standard deviation of that, up to which it is no matter. Chosen on maps of mit-csail with a laser that
+froze: 3.1 and 0.34 m in one that was 0.23 m off."""
+_MOST_ADDED = 0.99
+"""Share of a variance that may have been added; chosen: a map file may say that a break is known for sure."""
 _ROWS, _PAIRS, _LEAST_PAIRS = 96, 60, 10
 """Keyframes from which others are looked for, pairs of them that are asked, and fewer that say nothing.
 Chosen."""
@@ -26,12 +29,15 @@ _AS_FAR, _AS_FAR_M = 0.2, 0.3
 """By how much these may be nearer or farther apart: share of the distance, and beside that. Chosen."""
 
 
-def hanging_pieces(slam_map: SlamMap) -> list[str]:
+def hanging_pieces(
+    slam_map: SlamMap, break_sigma: tuple[float, float, float] = FrontEndConfig.break_sigma
+) -> list[str]:
     """In words, that what came after a way driven blind may lie elsewhere as seen from before it: where
     loops tie the two from so far away that nobody knows, by far less than of other places as far apart.
 
     A scan or two may be off on the way to these loops, and no other saw the same. What the map says of
-    itself is its own measure, since by which share it is too cautious is another for each log.
+    itself is its own measure, since by which share it is too cautious is another for each log. Wheels
+    count for what they say: break_sigma (m, m, rad), by which they were taken for less sure, does not.
     """
     keyframes, poses = slam_map.keyframes, slam_map.poses
     breaks = [
@@ -42,7 +48,7 @@ def hanging_pieces(slam_map: SlamMap) -> list[str]:
     ]
     if not breaks:
         return []
-    solution = slam_map.graph.solve()
+    solution = _as_wheels_say(slam_map, breaks, break_sigma).solve()
 
     def sigmas_m(pairs: IntArray) -> list[float]:
         try:
@@ -65,6 +71,18 @@ def hanging_pieces(slam_map: SlamMap) -> list[str]:
                 f" other places as far apart are known to {usual_m:.2f} m"
             ]
     return []
+
+
+def _as_wheels_say(
+    slam_map: SlamMap, breaks: Sequence[int], break_sigma: tuple[float, float, float]
+) -> PoseGraph:
+    """The map's pose graph, as sure of breaks as the wheels are."""
+    keyframes = list(slam_map.keyframes)
+    for k in breaks:
+        covariance = keyframes[k].covariance
+        added = np.minimum(np.square(break_sigma), _MOST_ADDED * np.diag(covariance))
+        keyframes[k] = replace(keyframes[k], covariance=covariance - np.diag(added))
+    return graph_of(keyframes, (*slam_map.loops, *slam_map.rejected), slam_map.poses)
 
 
 def _as_far(poses: FloatArray, apart_m: float) -> IntArray:

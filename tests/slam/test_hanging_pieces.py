@@ -7,6 +7,7 @@ import pytest
 
 from slam import SE2
 from slam.beams import Beams
+from slam.front_end_config import FrontEndConfig
 from slam.hanging_pieces import hanging_pieces
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
@@ -15,10 +16,11 @@ from slam.slam_map import SlamMap, graph_of
 
 COUNT, BREAK = 60, 20
 NEAR, FAR = ((17, 42), (19, 40), (22, 37), (25, 34)), ((0, 59), (1, 58), (2, 57), (3, 56))
-SURE, BLIND = np.diag([1e-4, 1e-4, 2.5e-5]), np.diag([0.25, 0.25, 0.09])
+SURE, BLIND = np.diag([1e-4, 1e-4, 2.5e-5]), np.diag([1.0, 1.0, 0.3])
+BROKEN = np.diag(np.square(FrontEndConfig.break_sigma))
 
 
-def driven(ends: tuple[tuple[int, int], ...]) -> SlamMap:
+def driven(ends: tuple[tuple[int, int], ...], told: np.ndarray = BLIND) -> SlamMap:
     """There and back, half a metre aside, a keyframe each metre; one of them was come to blind."""
     places = [SE2(float(k), 0.0, 0.0) for k in range(COUNT // 2)]
     places += [SE2(float(COUNT - 1 - k), 0.5, np.pi) for k in range(COUNT // 2, COUNT)]
@@ -26,7 +28,7 @@ def driven(ends: tuple[tuple[int, int], ...]) -> SlamMap:
     keyframes, steps = [], []
     for k, pose in enumerate(places):
         T_before = places[max(k - 1, 0)].inverse() @ pose
-        covariance = BLIND if k == BREAK else SURE
+        covariance = told if k == BREAK else SURE
         keyframes.append(
             Keyframe(float(k), pose, T_before, covariance, np.empty((0, 2)), empty, k == BREAK)
         )
@@ -73,3 +75,9 @@ def test_map_that_knows_no_place_better_is_no_measure():
     loose = [replace(one, covariance=BLIND) for one in slam_map.keyframes]
     graph = graph_of(loose, slam_map.loops, slam_map.poses)
     assert hanging_pieces(replace(slam_map, keyframes=tuple(loose), graph=graph)) == []
+
+
+def test_wheels_count_for_what_they_say_of_the_way():
+    assert hanging_pieces(driven(FAR, BROKEN + SURE)) == []
+    assert hanging_pieces(driven(FAR, 0.0 * SURE + 1e-9 * np.eye(3))) == []
+    assert hanging_pieces(driven(FAR, BROKEN + BLIND))
