@@ -51,7 +51,8 @@ def run(
     if against is not None and reference is not None:
         check_same_time(log, against.times_s, reference)
     if related is not None and relations is not None:
-        check_same_time(log, related.times_s.ravel(), relations)
+        for times_s in related.times_s.T:  # a trajectory has eight numbers in a line as well
+            check_same_time(log, times_s, relations)
     result = best_mapped(log, mapped)
     result = replace(result, notes=(*log.notes, *result.notes))
     if map_path is not None:

@@ -13,10 +13,12 @@ from experiments.slam_result import table
 from slam import read_map, read_slam_map, read_tum
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
+from slam.readers.recognition import read_log
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
 DATA = Path(__file__).parents[1] / "data"
+
 LOG = DATA / "fr101-excerpt.clf.gz"
 REFERENCE = DATA / "fr101-excerpt.reference.tum"
 
@@ -298,6 +300,10 @@ def test_reference_of_another_log_or_no_folder_is_refused_before_the_log_is_mapp
     assert not out.exists()
     other = tmp_path / "other.relations"
     other.write_text("0 1 1 0 0 0 0 0\n")
+    said = refusal(capsys, "slam", LOG, "--relations", other, "--out", out)
+    assert "is it that of another log?" in said
+    time_s = next(iter(read_log(LOG).records)).time_s  # a trajectory of the log
+    other.write_text(f"{time_s} 0.1 0.2 0 0 0 0 1\n{time_s + 1.0} 1.1 0.2 0 0 0 0 1\n")
     said = refusal(capsys, "slam", LOG, "--relations", other, "--out", out)
     assert "is it that of another log?" in said
     said = refusal(capsys, "slam", LOG, "--out", "/proc/nowhere/out")
