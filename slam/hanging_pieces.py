@@ -45,6 +45,7 @@ def hanging_pieces(
         for before, step in pairwise(slam_map.steps)
         if step.is_keyframe and keyframes[step.keyframe].is_break
         if before.status is StepStatus.CARRIED and before.session == step.session
+        if keyframes[step.keyframe - 1].session == step.session
     ]
     if not breaks:
         return []
@@ -81,7 +82,10 @@ def _as_wheels_say(
     for k in breaks:
         covariance = keyframes[k].covariance
         added = np.minimum(np.square(break_sigma), _MOST_ADDED * np.diag(covariance))
-        keyframes[k] = replace(keyframes[k], covariance=covariance - np.diag(added))
+        told = covariance - np.diag(added)
+        if np.linalg.eigvalsh(told)[0] <= 0.0:  # its errors go together
+            told = (1.0 - float(np.max(added / np.diag(covariance)))) * covariance
+        keyframes[k] = replace(keyframes[k], covariance=told)
     return graph_of(keyframes, (*slam_map.loops, *slam_map.rejected), slam_map.poses)
 
 

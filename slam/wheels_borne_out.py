@@ -125,6 +125,7 @@ def _noise(
         told[k - first].squared(*(SE2.from_array(pose) for pose in poses[k - 1 : k + 1]))
         for k in range(first + 1, len(keyframes))
         if place_sigma_m(keyframes[k].covariance) < _SURE_M and not keyframes[k].is_break
+        if not told[k - first].is_guess
     ]
     return max(1.0, float(np.median(squared)) / _MEDIAN_NIS) if len(squared) >= _LEAST else None
 

@@ -64,7 +64,8 @@ def test_only_what_was_come_to_blind_hangs(kind):
     if kind == "seen":
         steps[BREAK] = replace(steps[BREAK], status=StepStatus.MATCHED)
     elif kind == "another session":
-        steps = [replace(one, session=int(one.keyframe >= BREAK)) for one in steps]
+        steps = [replace(one, session=int(k >= BREAK)) for k, one in enumerate(steps)]
+        keyframes = [replace(one, session=int(k >= BREAK)) for k, one in enumerate(keyframes)]
     else:
         keyframes[BREAK] = replace(keyframes[BREAK], is_break=False)
     assert hanging_pieces(replace(slam_map, steps=tuple(steps), keyframes=tuple(keyframes))) == []
@@ -81,3 +82,6 @@ def test_wheels_count_for_what_they_say_of_the_way():
     assert hanging_pieces(driven(FAR, BROKEN + SURE)) == []
     assert hanging_pieces(driven(FAR, 0.0 * SURE + 1e-9 * np.eye(3))) == []
     assert hanging_pieces(driven(FAR, BROKEN + BLIND))
+    turned = BLIND.copy()
+    turned[1, 2] = turned[2, 1] = 0.8 * np.sqrt(turned[1, 1] * turned[2, 2])
+    assert hanging_pieces(driven(FAR, turned)) == []  # errors that go together leave less open
