@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -10,9 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from slam.arrays import FloatArray, IntArray
-from slam.front_end_config import FrontEndConfig
 from slam.keyframes import StepStatus
-from slam.odometry import place_sigma_m
+from slam.map_drift import sigmas_m
 from slam.pose_graph import PoseGraph
 from slam.slam_map import SlamMap, graph_of
 
@@ -29,9 +27,7 @@ _AS_FAR, _AS_FAR_M = 0.2, 0.3
 """By how much these may be nearer or farther apart: share of the distance, and beside that. Chosen."""
 
 
-def hanging_pieces(
-    slam_map: SlamMap, break_sigma: tuple[float, float, float] = FrontEndConfig.break_sigma
-) -> list[str]:
+def hanging_pieces(slam_map: SlamMap, break_sigma: tuple[float, float, float]) -> list[str]:
     """In words, that what came after a way driven blind may lie elsewhere as seen from before it: where
     loops tie the two from so far away that nobody knows, by far less than of other places as far apart.
 
@@ -50,21 +46,14 @@ def hanging_pieces(
     if not breaks:
         return []
     solution = _as_wheels_say(slam_map, breaks, break_sigma).solve()
-
-    def sigmas_m(pairs: IntArray) -> list[float]:
-        try:
-            return [place_sigma_m(one) for one in solution.relative_covariances(pairs)]
-        except ValueError:  # all that the solver says of a direction without bounds
-            return [math.inf] * len(pairs)
-
-    over_m = sigmas_m(np.array([(k - 1, k) for k in breaks]))
+    over_m = sigmas_m(solution, np.array([(k - 1, k) for k in breaks]))
     for k, sigma_m in zip(breaks, over_m, strict=True):
         if sigma_m <= _LEAST_M:
             continue
         pairs = _as_far(poses, float(np.hypot(*(poses[k] - poses[k - 1])[:2])))
         if len(pairs) < _LEAST_PAIRS:
             continue
-        usual_m = float(np.median(sigmas_m(pairs)))
+        usual_m = float(np.median(sigmas_m(solution, pairs)))
         if sigma_m > _LOOSER * usual_m:
             return [
                 f"until {keyframes[k].time_s:.2f} s no scan told where the robot is, and loops tie what"

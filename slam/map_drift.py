@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.arrays import FloatArray, IntArray
 from slam.odometry import place_sigma_m
-from slam.pose_graph import PoseGraph
+from slam.pose_graph import PoseGraph, PoseGraphSolution
 
 _ASKED = 24
 """Chosen: keyframes enough to see the bend of a building, few enough for a tenth of a second."""
@@ -46,11 +46,17 @@ def between_m(graph: PoseGraph, one: int, other: int) -> float:
     the direction in which it is least; inf where that has no bounds."""
     if one == other:
         return 0.0
+    return sigmas_m(graph.solve(), np.array([(one, other)]))[0]
+
+
+def sigmas_m(solution: PoseGraphSolution, pairs: IntArray) -> list[float]:
+    """Standard deviations [m] of the one of each pair (P, 2) of keyframes as seen from the other, as in
+    `between_m`."""
     try:
-        (covariance,) = graph.solve().relative_covariances(np.array([(one, other)]))
-    except ValueError:
-        return math.inf
-    return place_sigma_m(covariance)
+        covariances = solution.relative_covariances(pairs)
+    except ValueError:  # all that the solver says of a direction without bounds
+        return [math.inf] * len(pairs)
+    return [place_sigma_m(one) for one in covariances]
 
 
 def too_far_adrift(drift_m: float, poses: FloatArray) -> list[str]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.hanging_pieces import hanging_pieces
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe
 from slam.loop_closing import LoopCloser
@@ -146,12 +147,13 @@ class MapSession:
 
 def objections_of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
     """What the drives themselves said against a map that is continued: its scans are judged anew, and
-    how far it drifted; how far a robot went between walls that look the same nobody can say later."""
+    how far it drifted, and what hangs; how far a robot went between walls that look the same nobody can say later."""
     if slam_map.verdict.is_good:
         return []
     told = slam_map.keyframes, slam_map.poses, slam_map.loops, slam_map.rejected
     anew = (
         *judged(*told, config.consistency).reasons,
         *too_far_adrift(slam_map.drift_m, slam_map.poses),
+        *hanging_pieces(slam_map, config.front_end.break_sigma),
     )
     return [reason for reason in slam_map.verdict.reasons if reason not in anew]

@@ -154,7 +154,8 @@ class Mapper:
         said += self._begun_with_jump()
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
-            said = too_far_adrift(slam_map.drift_m, slam_map.poses) or hanging_pieces(slam_map)
+            said = too_far_adrift(slam_map.drift_m, slam_map.poses)
+            said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)
         return slam_map.objected([*self._known_objections, *said])
 
     def _begun_with_jump(self) -> list[str]:

@@ -57,7 +57,7 @@ def with_scans_put_back(
             step = steps[at]
             is_seen = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED) and not step.is_open
             is_to_move = way.is_off(T_way, step.T_keyframe_base) if is_seen else is_doubted
-            if is_to_move and _apart_m(T_way, step.T_keyframe_base) > _LEAST_M:
+            if is_to_move and not T_way.is_near(step.T_keyframe_base, _LEAST_M, math.inf):
                 T_map_base = steps[start].T_map_base @ T_way
                 moved[at] = replace(step, T_map_base=T_map_base, T_keyframe_base=T_way)
     return moved
@@ -93,7 +93,3 @@ class _Way:
         """Whether a scan seen at one pose was rather taken at the one on the way."""
         off = (T_way.inverse() @ T_seen).log()
         return bool(off @ inverse_of(self.covariance) @ off > _TRUST)
-
-
-def _apart_m(one: SE2, other: SE2) -> float:
-    return math.hypot(other.x - one.x, other.y - one.y)

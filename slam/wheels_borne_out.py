@@ -134,7 +134,8 @@ def _loose(keyframes: Sequence[Keyframe], first: int) -> Iterator[tuple[int, int
     """The first and last of steps one after the other of which scans hardly tell how far they went."""
     start = None
     for k in range(first + 1, len(keyframes)):
-        is_loose = place_sigma_m(keyframes[k].covariance) > GUESS_M
+        # nobody knows the way over a break
+        is_loose = place_sigma_m(keyframes[k].covariance) > GUESS_M and not keyframes[k].is_break
         if is_loose and start is None:
             start = k
         if not is_loose and start is not None:

@@ -12,12 +12,15 @@ from slam.hanging_pieces import hanging_pieces
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.map_consistency import MapVerdict
+from slam.map_session import objections_of_drives
+from slam.mapper_config import MapperConfig
 from slam.slam_map import SlamMap, graph_of
 
 COUNT, BREAK = 60, 20
 NEAR, FAR = ((17, 42), (19, 40), (22, 37), (25, 34)), ((0, 59), (1, 58), (2, 57), (3, 56))
 SURE, BLIND = np.diag([1e-4, 1e-4, 2.5e-5]), np.diag([1.0, 1.0, 0.3])
-BROKEN = np.diag(np.square(FrontEndConfig.break_sigma))
+BREAK_SIGMA = FrontEndConfig.break_sigma
+BROKEN = np.diag(np.square(BREAK_SIGMA))
 
 
 def driven(ends: tuple[tuple[int, int], ...], told: np.ndarray = BLIND) -> SlamMap:
@@ -51,7 +54,7 @@ def step_of(keyframe: int, time_s: float, status: StepStatus, is_keyframe: bool)
 
 @pytest.mark.parametrize(("ends", "hangs"), [(NEAR, False), (FAR, True), (NEAR + FAR, False)])
 def test_piece_hangs_by_loops_that_are_far_from_where_it_begins(ends, hangs):
-    said = hanging_pieces(driven(ends))
+    said = hanging_pieces(driven(ends), BREAK_SIGMA)
     assert bool(said) is hangs
     if hangs:
         assert "until 20.00 s no scan told" in said[0]
@@ -68,20 +71,34 @@ def test_only_what_was_come_to_blind_hangs(kind):
         keyframes = [replace(one, session=int(k >= BREAK)) for k, one in enumerate(keyframes)]
     else:
         keyframes[BREAK] = replace(keyframes[BREAK], is_break=False)
-    assert hanging_pieces(replace(slam_map, steps=tuple(steps), keyframes=tuple(keyframes))) == []
+    assert (
+        hanging_pieces(
+            replace(slam_map, steps=tuple(steps), keyframes=tuple(keyframes)), BREAK_SIGMA
+        )
+        == []
+    )
 
 
 def test_map_that_knows_no_place_better_is_no_measure():
     slam_map = driven(FAR)
     loose = [replace(one, covariance=BLIND) for one in slam_map.keyframes]
     graph = graph_of(loose, slam_map.loops, slam_map.poses)
-    assert hanging_pieces(replace(slam_map, keyframes=tuple(loose), graph=graph)) == []
+    assert hanging_pieces(replace(slam_map, keyframes=tuple(loose), graph=graph), BREAK_SIGMA) == []
 
 
 def test_wheels_count_for_what_they_say_of_the_way():
-    assert hanging_pieces(driven(FAR, BROKEN + SURE)) == []
-    assert hanging_pieces(driven(FAR, 0.0 * SURE + 1e-9 * np.eye(3))) == []
-    assert hanging_pieces(driven(FAR, BROKEN + BLIND))
+    assert hanging_pieces(driven(FAR, BROKEN + SURE), BREAK_SIGMA) == []
+    assert hanging_pieces(driven(FAR, 0.0 * SURE + 1e-9 * np.eye(3)), BREAK_SIGMA) == []
+    assert hanging_pieces(driven(FAR, BROKEN + BLIND), BREAK_SIGMA)
     turned = BLIND.copy()
     turned[1, 2] = turned[2, 1] = 0.8 * np.sqrt(turned[1, 1] * turned[2, 2])
-    assert hanging_pieces(driven(FAR, turned)) == []  # errors that go together leave less open
+    assert (
+        hanging_pieces(driven(FAR, turned), BREAK_SIGMA) == []
+    )  # errors that go together leave less open
+
+
+def test_piece_that_hung_is_judged_anew_once_the_map_goes_on():
+    slam_map = driven(FAR)
+    told = ("another thing", *hanging_pieces(slam_map, BREAK_SIGMA))
+    failed = replace(slam_map, verdict=slam_map.verdict.with_reasons(told))
+    assert objections_of_drives(failed, MapperConfig()) == ["another thing"]
