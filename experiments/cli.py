@@ -23,7 +23,7 @@ from experiments.commands import (
     view,
     world,
 )
-from experiments.commands.options import viewer_told
+from experiments.commands.options import check_words, viewer_told
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -89,12 +89,15 @@ def main(arguments: list[str] | None = None) -> int:
     # one thread each: the trials are spread over processes, and sums keep their order
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        typed = viewer_told(sys.argv[1:] if arguments is None else arguments)
+        check_words(given)
+        typed = viewer_told(given)
         status = app(typed, prog_name="kitasap", standalone_mode=False)
     except _WrongUsage as error:
         # looked up by name above, so the type checker cannot know the method
         said = error.format_message()  # type: ignore[attr-defined]
+        said += _numbers_wanted(error)
         is_unknown = not typed or said.startswith("No such command")
         return _refused(said + (" See kitasap --help." if is_unknown else ""))
     except (ValueError, OSError, RuntimeError, ImportError, AttributeError) as error:
@@ -109,10 +112,17 @@ def main(arguments: list[str] | None = None) -> int:
         status = _INTERRUPTED
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
         goes_on = "; the same command goes on from here"
-        command = (sys.argv[1:] if arguments is None else arguments)[:1]
-        is_run = command in (["run"], ["reproduce"], ["sweep"])
+        is_run = given[:1] in (["run"], ["reproduce"], ["sweep"])
         print(f"\nkitasap: interrupted{goes_on if is_run else ''}", file=sys.stderr)
     return status if isinstance(status, int) else 0
+
+
+def _numbers_wanted(error: Exception) -> str:
+    """What an option takes that takes several values, where it did not get them."""
+    option = getattr(error, "param", None)
+    if option is None or getattr(option, "nargs", 1) < 2 or option.metavar is None:
+        return ""
+    return f" ({option.opts[0]} takes {option.nargs} values: {option.metavar})"
 
 
 def _reason(error: Exception) -> str:

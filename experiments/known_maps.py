@@ -21,6 +21,9 @@ from slam.ray_counts import still_standing
 from slam.se2 import SE2
 from slam.slam_map_files import read_slam_map
 
+_PICTURES = (".pgm", ".png")
+"""Of maps, as map_server and we write them."""
+
 
 @dataclass(frozen=True)
 class LogConfig:
@@ -62,9 +65,20 @@ def points_of_scans(
     return point_map.points
 
 
+def check_is_no_folder(path: Path) -> None:
+    """Raises ValueError for a folder in place of a map."""
+    if path.is_dir():
+        within = sorted(path.glob("*.kitasap")) or sorted(path.glob("*.yaml"))
+        instead = f"the map in it, {within[0]}" if within else "the file of a map"
+        raise ValueError(f"{path} is a folder: give {instead}")
+
+
 def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
     """A ROS map, or one of ours. Raises ValueError or OSError for a file that is none, or shows no
     wall."""
+    check_is_no_folder(path)
+    if path.suffix in _PICTURES:
+        raise ValueError(f"{path} is the picture of a ROS map: give the .yaml that belongs to it")
     if path.suffix == ".kitasap":
         return read_slam_map(path).known(laser)
     grid = read_map(path)

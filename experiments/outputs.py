@@ -3,10 +3,17 @@
 import errno
 import json
 import os
+import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+
+from experiments.trial_log import locked
+
+_UNFINISHED = ".unfinished"
+"""Folder among results for those that are not all written yet."""
 
 
 def checked_folder(folder: Path) -> Path:
@@ -28,6 +35,54 @@ def checked_beside_runs(folder: Path) -> Path:
     if (folder / "trials.jsonl").exists():
         raise ValueError(f"--out {folder} holds the trials of a run: give another folder")
     return checked_folder(folder)
+
+
+@contextmanager
+def results_of_one(folder: Path) -> Iterator[None]:
+    """Keeps other commands out of a folder while one works for it, and takes away what one that was
+    killed had not finished. A folder made for it that stays empty is not left behind.
+
+    Raises ValueError for a folder of trials, for a file, or if another command is at work there;
+    OSError, naming the folder, where nothing can be written.
+    """
+    checked_beside_runs(folder)
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        with locked(folder):
+            _remove_unfinished(folder)
+            yield
+    finally:
+        for path in made:
+            if not path.is_dir() or any(path.iterdir()):
+                break
+            path.rmdir()
+
+
+@contextmanager
+def results_together(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterator[Path]:
+    """A folder to write results into; once all are written they take the place of those before, with
+    summary.json gone first and back last: without it, a folder of results is not finished.
+
+    outdated: files of results before that are removed where there is no new one.
+    Raises OSError if it cannot; what was there before is left as it was by anything raised within.
+    """
+    _remove_unfinished(folder)
+    unfinished = folder / _UNFINISHED
+    unfinished.mkdir(parents=True)
+    try:
+        yield unfinished
+        written = sorted(unfinished.iterdir(), key=lambda path: path.name == "summary.json")
+        for name in {"summary.json", *outdated} - {path.name for path in written[:-1]}:
+            (folder / name).unlink(missing_ok=True)
+        for path in written:
+            path.replace(folder / path.name)
+    finally:
+        _remove_unfinished(folder)
+
+
+def _remove_unfinished(folder: Path) -> None:
+    if (folder / _UNFINISHED).exists():
+        shutil.rmtree(folder / _UNFINISHED)
 
 
 def checked_file(path: Path) -> Path:

@@ -20,6 +20,9 @@ from slam.slam_map import SlamMap
 from slam.slam_map_files import write_slam_map
 from slam.trajectory import TUM_HEADER, Trajectory, tum_lines, write_tum
 
+SOMETIMES = ("sessions.tum", "map.yaml", "map.pgm")
+"""Files of `write_results` that not every map has."""
+
 
 class OnlinePoses:
     """online.tum in a folder: the pose of each scan as it was when the scan had arrived, a line each,
@@ -47,7 +50,9 @@ class OnlinePoses:
         if index == 0 or self._file is None:
             self.__exit__()
             self._folder.mkdir(parents=True, exist_ok=True)
-            (self._folder / "summary.json").unlink(missing_ok=True)
+            if self._passes == 0:  # what is left of a log before, or of one that was killed
+                for path in (self._folder / "summary.json", *self._folder.glob("online-*.tum")):
+                    path.unlink(missing_ok=True)
             self._file = self._path(self._passes).open("w", encoding="utf-8")
             self._passes += 1
             self._file.write(TUM_HEADER + "\n")
@@ -71,7 +76,8 @@ class OnlinePoses:
 
 
 def write_results(result: SlamLog, folder: Path) -> str:
-    """Writes summary.json, trajectory.tum, points.ply, pose_graph.g2o, map.kitasap, map.yaml, map.pgm.
+    """Writes summary.json, trajectory.tum, points.ply, pose_graph.g2o, map.kitasap, map.yaml, map.pgm
+    into a folder that has none of them, or where they are written over: see `results_together`.
 
     points.ply: the point database, 2 cm apart on all surfaces, x y z [m] in the map frame, z = 0.
     Of a map of several sessions sessions.tum too: the scans of all, each session below its number.
@@ -83,16 +89,11 @@ def write_results(result: SlamLog, folder: Path) -> str:
     write_tum(folder / "trajectory.tum", result.trajectory)
     if result.slam_map.session_count > 1:
         write_atomically(folder / "sessions.tum", _sessions_tum(result.slam_map))
-    else:  # that of another map is not left beside this one
-        (folder / "sessions.tum").unlink(missing_ok=True)
     write_ply(folder / "points.ply", result.slam_map.points)
     write_g2o(folder / "pose_graph.g2o", result.slam_map.graph)
     write_slam_map(folder / "map.kitasap", result.slam_map)
     if grid is not None:
         write_map(folder / "map.yaml", grid)
-    else:
-        for name in ("map.yaml", "map.pgm"):
-            (folder / name).unlink(missing_ok=True)
     write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
     return said
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.evaluation import evaluated, span
+from experiments.known_maps import check_is_no_folder
 from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_passes import OnScan, best_mapped, mapped_once
 from experiments.slam_result import SlamLog
@@ -42,6 +43,8 @@ def run(
     # refused now rather than after the log
     against = None if reference is None else read_tum(reference)
     related = None if relations is None else read_relations(relations)
+    if map_path is not None:
+        check_is_no_folder(map_path)
     known = None if map_path is None else read_slam_map(map_path)
     if known is not None and start is not None:
         _check_start(known, start)
@@ -56,7 +59,7 @@ def run(
     result = best_mapped(log, mapped)
     result = replace(result, notes=(*log.notes, *result.notes))
     if map_path is not None:
-        result = replace(result, continued=map_path.name)
+        result = replace(result, continued=map_path.name, start=start)
     if against is None and related is None:
         return result
     name = None if relations is None else relations.name

@@ -13,6 +13,7 @@ from experiments.evaluation import Evaluation
 from experiments.slam_wheels import wheels_line
 from slam.keyframes import StepStatus
 from slam.loop_closing import without_ties
+from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
 
@@ -27,7 +28,7 @@ class SlamLog:
     with the last scan, None where the system does not tell.
     evaluation: against a reference, where there is one. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, None: with none,
-    but at the end, if at all.
+    but at the end, if at all; start: pose of its first scan there as it was told, None: searched for.
     wheels: what calibrating them from the drive gave, where the log tells their ticks.
     is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
     not hold together. notes: what of the log was taken, in words. used_pass: which pass over the log
@@ -45,6 +46,7 @@ class SlamLog:
     evaluation: Evaluation | None = None
     continued: str | None = None
     joined_at: int | None = None
+    start: SE2 | None = None
     wheels: dict[str, Any] | None = None
     is_odometry_doubted: bool = False
     notes: tuple[str, ...] = ()
@@ -69,6 +71,7 @@ class SlamLog:
             "reasons": list(verdict.reasons),
             "continued": self.continued,
             "joined_at": self.joined_at,
+            "start": None if self.start is None else self.start.as_array().tolist(),
             "sessions": [self._session(number) for number in range(slam_map.session_count)],
             "scans": len(steps),
             **{status.value: counts[status.value] for status in StepStatus},
@@ -104,8 +107,20 @@ class SlamLog:
         }
 
 
-def _mb(memory_mb: float | None) -> str:
-    return "an unknown amount" if memory_mb is None else f"{memory_mb:.0f} MB"
+def _grown(memory_mb: float | None) -> str:
+    """By how much memory grew, in words."""
+    if memory_mb is None:
+        return "memory grew by an unknown amount"
+    return f"memory grew by {memory_mb:.0f} MB" if memory_mb >= 0.5 else "memory did not grow"
+
+
+def _never_joined(is_start_told: bool) -> str:
+    if is_start_told:
+        return (
+            "never joined (nothing that it saw confirms the --start that was told, which has to hold"
+            " within half a metre: without it, the place is searched for)"
+        )
+    return "never joined (nothing that it saw was found on the map beyond doubt)"
 
 
 def _said_of_map(summary: dict[str, Any]) -> list[str]:
@@ -135,15 +150,12 @@ def table(summary: dict[str, Any]) -> str:
         f" {summary['carried']} placed by no scan (the first one among them), {summary['broken']} broke"
         " off",
         f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
-        f" scan), {cpu['finish']:.1f} s to finish; memory grew by {_mb(summary['memory_mb'])}",
+        f" scan), {cpu['finish']:.1f} s to finish; {_grown(summary['memory_mb'])}",
     ]
     if summary["continued"] is not None:
         number, at = len(summary["sessions"]), summary["joined_at"]
         if not summary["sessions"][-1]["joined"]:
-            joined = (
-                "never joined (nothing that it saw was found on the map beyond doubt, nor what a --start"
-                " told confirmed)"
-            )
+            joined = _never_joined(summary["start"] is not None)
         elif at is None:
             joined = "joined at its end"
         else:

@@ -17,7 +17,7 @@ from experiments.commands.options import (
     ScanTopic,
     Seed,
 )
-from experiments.outputs import checked_beside_runs
+from experiments.outputs import results_of_one, results_together
 from experiments.protocols import DEFAULT_METHOD
 
 if TYPE_CHECKING:
@@ -50,13 +50,13 @@ def real_log(
     Ends with status 1 where a scan was not tracked, or, with a protocol whose start is unknown, a wrong
     place was believed.
     """
-    checked_beside_runs(out)
     if jumps is not None and protocol != "jumps":
         raise ValueError(f"--jumps changes nothing of {protocol}: it is of --protocol jumps")
-    if protocol == "tracked":
-        is_done = _tracked(log, reference, out, method)
-    else:
-        is_done = _relocalized(log, reference, out, method, protocol, jumps or 10, seed)
+    with results_of_one(out):
+        if protocol == "tracked":
+            is_done = _tracked(log, reference, out, method)
+        else:
+            is_done = _relocalized(log, reference, out, method, protocol, jumps or 10, seed)
     raise typer.Exit(0 if is_done else 1)
 
 
@@ -129,14 +129,15 @@ def localize(
     from experiments.rerun_views import RerunLog
 
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
-    checked_beside_runs(out)
-    with shown(rerun, log.name) as stream, ScanProgress(log.name) as progress:
-        observer = NO_ONE if stream is None else RerunLog(stream)
-        result = localizing.run(
-            known_map, log, T_start, LogConfig(method), progress.update, choice, observer
-        )
-    localizing.write_results(result, out)
-    localized_log_picture(out, result)
+    with results_of_one(out):
+        with shown(rerun, log.name) as stream, ScanProgress(log.name) as progress:
+            observer = NO_ONE if stream is None else RerunLog(stream)
+            result = localizing.run(
+                known_map, log, T_start, LogConfig(method), progress.update, choice, observer
+            )
+        with results_together(out) as unfinished:
+            localizing.write_results(result, unfinished)
+            localized_log_picture(unfinished, result)
     summary = result.summary()
     _print_notes(result.notes)
     print(localizing.table(summary))
@@ -206,26 +207,27 @@ def slam(
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
-    checked_beside_runs(out)
-    with (
-        shown(rerun, log.name) as stream,
-        SlamProgress(log.name) as progress,
-        slam_files.OnlinePoses(out) as online,
-    ):
-        observer = NO_ONE if stream is None else RerunLog(stream)
+    with results_of_one(out):
+        with (
+            shown(rerun, log.name) as stream,
+            SlamProgress(log.name) as progress,
+            slam_files.OnlinePoses(out) as online,
+        ):
+            observer = NO_ONE if stream is None else RerunLog(stream)
 
-        def on_scan(index: int, scans: int, step: "MapperStep") -> None:
-            online.add(index, step)
-            progress.update(index, scans, step)
+            def on_scan(index: int, scans: int, step: "MapperStep") -> None:
+                online.add(index, step)
+                progress.update(index, scans, step)
 
-        result = slam_log.run(
-            log, reference, relations, on_scan, known_map, T_start, choice, observer
-        )
-        online.keep(result.used_pass)
-        if stream is not None:
-            show_map(stream, result, reference)
-    unwritten = slam_files.write_results(result, out)
-    slam_map_picture(out, result)
+            result = slam_log.run(
+                log, reference, relations, on_scan, known_map, T_start, choice, observer
+            )
+            online.keep(result.used_pass)
+            if stream is not None:
+                show_map(stream, result, reference)
+        with results_together(out, outdated=slam_files.SOMETIMES) as unfinished:
+            unwritten = slam_files.write_results(result, unfinished)
+            slam_map_picture(unfinished, result)
     summary = result.summary()
     _print_notes(result.notes)
     print(slam_result.table(summary))

@@ -114,6 +114,16 @@ PAPER_TRIALS = 100
 """Section 4.1: "We conducted each experiment 100 times"."""
 
 
+def check_words(arguments: list[str]) -> None:
+    """Raises ValueError for an argument that is empty: as a path it would be the current folder."""
+    for before, word in zip(["", *arguments], arguments, strict=False):
+        if word == "--":
+            return
+        if not word or (word.startswith("--") and word.endswith("=")):
+            of = word[:-1] or (before if before.startswith("-") else "an argument")
+            raise ValueError(f"{of} is empty: is a variable of the shell not set?")
+
+
 def viewer_told(arguments: list[str]) -> list[str]:
     """The arguments, with an empty value where --rerun has none: Typer knows no option that may."""
     told = list(arguments)

@@ -115,6 +115,7 @@ def test_drive_is_mapped_with_odometry_as_a_guess(log, mapped):
 
 @pytest.mark.parametrize(("used", "kept"), [(0, "0.0"), (1, "1.0")])
 def test_online_poses_are_those_of_the_map_that_is_used(tmp_path, used, kept):
+    (tmp_path / "online-3.tum").write_text("of a command that was killed")
     with OnlinePoses(tmp_path) as online:
         for number in range(2):
             step = MapperStep(5.0, SE2(float(number), 0.0, 0.0), StepStatus.MATCHED, 1.0, 0)

@@ -4,7 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from experiments.outputs import checked_file, checked_folder
+from experiments.outputs import (
+    checked_file,
+    checked_folder,
+    results_of_one,
+    results_together,
+)
 from tests.experiments.refusals import refusal
 
 DATA = Path(__file__).parents[1] / "data"
@@ -86,3 +91,82 @@ def test_options_that_would_change_nothing_are_refused(tmp_path, capsys):
     log = ("real-log", LOG, "--reference", REFERENCE, "--out", tmp_path)
     assert "--jumps changes nothing of tracked" in refusal(capsys, *log, "--jumps", "3")
     assert "takes a PNG file" in refusal(capsys, "picture", "--out", tmp_path / "room.jpg")
+
+
+@pytest.mark.parametrize("command", [("slam", LOG), ("localize", "map.yaml", LOG)])
+def test_folder_in_which_a_command_is_at_work_is_refused(tmp_path, capsys, command):
+    with results_of_one(tmp_path):
+        said = refusal(capsys, *command, "--out", tmp_path)
+    assert said == f"another run is at work in {tmp_path}: wait for its end"
+
+
+def test_results_take_the_place_of_those_before_all_at_once(tmp_path):
+    for name in ("summary.json", "map.yaml", "sessions.tum", "of-others"):
+        (tmp_path / name).write_text("old")
+    with results_together(tmp_path, outdated=("sessions.tum", "map.yaml")) as unfinished:
+        (unfinished / "map.yaml").write_text("new")
+        (unfinished / "summary.json").write_text("new")
+        assert (tmp_path / "map.yaml").read_text() == "old"
+    there = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert there == {"summary.json": "new", "map.yaml": "new", "of-others": "old"}
+
+
+def test_results_before_stay_where_new_ones_are_not_finished(tmp_path):
+    (tmp_path / "summary.json").write_text("old")
+
+    def written() -> None:
+        with results_together(tmp_path) as unfinished:
+            (unfinished / "summary.json").write_text("new")
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        written()
+    assert [path.name for path in tmp_path.iterdir()] == ["summary.json"]
+    assert (tmp_path / "summary.json").read_text() == "old"
+
+
+def test_summary_is_gone_before_and_back_after_all_else(tmp_path, monkeypatch):
+    moved = []
+
+    def followed(path, target):
+        moved.append((path.name, (tmp_path / "summary.json").exists()))
+        path.rename(target)
+
+    (tmp_path / "summary.json").write_text("old")
+    monkeypatch.setattr(Path, "replace", followed)
+    with results_together(tmp_path) as unfinished:
+        for name in ("summary.json", "trajectory.tum", "map.kitasap"):
+            (unfinished / name).write_text("new")
+    assert moved == [("map.kitasap", False), ("trajectory.tum", False), ("summary.json", False)]
+
+
+def test_what_a_killed_command_left_is_taken_away_with_the_next(tmp_path):
+    (tmp_path / ".unfinished").mkdir()
+    (tmp_path / ".unfinished" / "map.kitasap").write_text("half of it")
+    with results_of_one(tmp_path):
+        assert not list(tmp_path.iterdir())
+
+
+def test_folder_that_was_made_in_vain_is_not_left_behind(tmp_path):
+    with results_of_one(tmp_path / "a" / "b"):
+        pass
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "there").mkdir()
+    with results_of_one(tmp_path / "there"):
+        pass
+    assert (tmp_path / "there").is_dir()
+
+
+@pytest.mark.parametrize(
+    "typed",
+    [("slam", LOG, "--out", ""), ("slam", LOG, "--out="), ("slam", "")],
+)
+def test_empty_path_is_not_the_current_folder(tmp_path, capsys, monkeypatch, typed):
+    monkeypatch.chdir(tmp_path)
+    assert refusal(capsys, *typed).endswith(" is empty: is a variable of the shell not set?")
+    assert not list(tmp_path.iterdir())
+
+
+def test_option_of_several_numbers_says_so(capsys):
+    said = refusal(capsys, "slam", LOG, "--start", "1", "2", "--out", "a")
+    assert said.endswith("(--start takes 3 values: X Y THETA)")

@@ -204,7 +204,14 @@ def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, c
     arguments = ["slam", str(LOG), "--map", str(path), "--start", "9", "0", "1.5"]
     assert main([*arguments, "--out", str(tmp_path)]) == 1
     said = capsys.readouterr().out
-    assert "session 2, on map.kitasap: never joined (nothing that it saw was found on" in said
+    assert (
+        "session 2, on map.kitasap: never joined (nothing that it saw confirms the --start" in said
+    )
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["start"] == [9.0, 0.0, 1.5]
+    searched = table(summary | {"start": None, "memory_mb": -12.0})
+    assert "never joined (nothing that it saw was found on the map beyond doubt)" in searched
+    assert "; memory did not grow" in searched
     assert ", of 2 sessions" in said
     assert "placed by no scan (the first one among them)" in said
     assert "map: failed; session 2" in said
@@ -219,6 +226,11 @@ def test_map_to_continue_is_refused_in_one_line(folder, tmp_path, capsys):
     assert "holds the map that is continued" in line
     line = refusal(capsys, "slam", LOG, "--map", folder / "map.pgm", "--out", tmp_path / "out")
     assert "map.pgm: expected a map" in line
+    said = f"{folder} is a folder: give the map in it, {path}"
+    assert refusal(capsys, "slam", LOG, "--map", folder, "--out", tmp_path / "out") == said
+    assert refusal(capsys, "localize", folder, LOG, "--out", tmp_path / "out") == said
+    line = refusal(capsys, "localize", folder / "map.pgm", LOG, "--out", tmp_path / "out")
+    assert line.endswith("map.pgm is the picture of a ROS map: give the .yaml that belongs to it")
     assert not (tmp_path / "out").exists()
 
 
