@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from experiments.figures.canvas import legend_below, line_style, plain, saved
+from experiments.figures.canvas import label_decades, legend_below, line_style, plain, saved
 from experiments.map_quality import NEAR_M
 from experiments.mapping import LEAST_SHARE, MOST_ATE_M, MapOutcome, MappingResult, true_map
 from slam.arrays import FloatArray
@@ -82,13 +82,14 @@ def map_quality_drawn(folder: Path) -> Figure:
     )
     for axis, (key, scale, label, limit) in zip(axes, panels, strict=True):
         for name in summary["methods"]:
-            values = np.sort([scale * record["methods"][name][key] for record in records])
-            share = np.arange(1, len(values) + 1) / max(len(values), 1)
-            axis.step(values, share, where="post", label=name, **line_style(name))
+            values = [scale * record["methods"][name][key] for record in records]
+            if values:
+                axis.ecdf(values, label=name, **line_style(name))
         axis.axvline(limit, color="#000000", ls="--", lw=1.0, label="needed")
         axis.set(xlabel=label, ylim=(0.0, 1.02))
         if key == "ate_m":
             axis.set_xscale("log")
+            label_decades(axis.xaxis)
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("share of the trials")
     legend_below(figure, axes[0], ncols=1 + len(summary["methods"]))
