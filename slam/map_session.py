@@ -12,13 +12,13 @@ from slam.arrays import FloatArray
 from slam.hanging_pieces import hanging_pieces
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe
-from slam.loop_closing import LoopCloser
+from slam.loop_closing import LoopCloser, without_ties
 from slam.map_consistency import do_contradict, judged
-from slam.map_drift import too_far_adrift
+from slam.map_drift import between_m, too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.se2 import SE2
 from slam.session_joining import SessionJoiner, set_aside
-from slam.slam_map import SlamMap
+from slam.slam_map import SlamMap, graph_of
 
 _ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
@@ -137,6 +137,19 @@ class MapSession:
         before, after = SE2.from_array(poses[self.first - 1]), SE2.from_array(poses[self.first])
         keyframes[self.first] = replace(keyframes[self.first], T_before=before.inverse() @ after)
         return poses
+
+    def between_m(self, slam_map: SlamMap, one: int, other: int) -> float:
+        """How sure a map is of how two keyframes of the session lie [m], other after one; not at all
+        where loops to those between them, or beside, contradict the others: either may be false."""
+        beside = self._config.consistency.beside
+        one, other = self.first + one, self.first + other
+        ends = [end for loop in slam_map.rejected for end in (loop.earlier, loop.later)]
+        if any(one - beside <= end <= other + beside for end in ends):
+            return math.inf
+        # a tie is looked for where the way that nobody measured would have led
+        loops = without_ties((*slam_map.loops, *slam_map.rejected))
+        graph = graph_of(slam_map.keyframes, loops, slam_map.poses, self._config.step_sigma)
+        return between_m(graph, one, other)
 
     def objections(self, keyframes: Sequence[Keyframe], steps: Sequence[FrontEndStep]) -> list[str]:
         """In words, that nothing in it tells where it lies."""

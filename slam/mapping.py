@@ -9,16 +9,17 @@ from functools import partial
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.blind_poses import unknown_blind_poses
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd
 from slam.hanging_pieces import hanging_pieces
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.loop_closing import Loop, LoopCloser, without_ties
+from slam.loop_closing import Loop, LoopCloser
 from slam.loose_runs import smoothed
 from slam.map_consistency import acquitted, judged
-from slam.map_drift import between_m, too_far_adrift
+from slam.map_drift import too_far_adrift
 from slam.map_session import MapSession, objections_of_drives
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
@@ -150,11 +151,15 @@ class Mapper:
             believe_where_borne_out(self._graph, self._front_end, own, self._told)
         self._put_strays_back()
         slam_map = self._held_together()
-        said = self._monitor.objections(slam_map.steps, partial(self._between_m, slam_map))
+        said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
         said += self._begun_with_jump()
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
-            said = too_far_adrift(slam_map.drift_m, slam_map.poses)
+            said = unknown_blind_poses(
+                slam_map.steps, self._session.first_step, self._told, self._front_end.wheel_scale,
+                slam_map.poses,
+            )  # fmt: skip
+            said = said or too_far_adrift(slam_map.drift_m, slam_map.poses)
             said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)
         return slam_map.objected([*self._known_objections, *said])
 
@@ -170,19 +175,6 @@ class Mapper:
             f"at {step.time_s:.2f} s odometry jumped, before it could be known how the robot drives:"
             " what was mapped until then may lie elsewhere"
         ]
-
-    def _between_m(self, slam_map: SlamMap, one: int, other: int) -> float:
-        """How sure a map is of how two keyframes of the session lie [m], other after one; not at all
-        where loops to those between them, or beside, contradict the others: either may be false."""
-        first, beside = self._session.first, self.config.consistency.beside
-        one, other = first + one, first + other
-        ends = [end for loop in slam_map.rejected for end in (loop.earlier, loop.later)]
-        if any(one - beside <= end <= other + beside for end in ends):
-            return math.inf
-        # a tie is looked for where the way that nobody measured would have led
-        loops = without_ties((*slam_map.loops, *slam_map.rejected))
-        graph = graph_of(slam_map.keyframes, loops, slam_map.poses, self.config.step_sigma)
-        return between_m(graph, one, other)
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""

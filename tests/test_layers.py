@@ -119,6 +119,7 @@ RANKS = (
         "witnesses",
         "strays",
         "stray_scans",
+        "blind_poses",
         "driven_through",
         "icp_mapping",
         "loop_closing",
