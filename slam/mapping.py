@@ -29,7 +29,7 @@ from slam.rescaling import chained, rescaled
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
-from slam.strays import ToldStep, told_step, without_strays
+from slam.strays import ToldStep, may_have_strayed, told_step, without_strays
 from slam.wheels_borne_out import believe_where_borne_out
 
 _DOUBTED = np.eye(3)
@@ -313,10 +313,15 @@ class Mapper:
         self._has_new = True
 
     def _thin_crowd(self, index: int) -> None:
-        """Keeps no more than the place of a keyframe, where others saw enough of what it saw."""
-        if index >= self._session.first and self._is_crowded(index):
-            self._graph.keyframes[index] = self._graph.keyframes[index].place_alone()
-            self._front_end.keep_place_alone(index - self._session.first)
+        """Keeps no more than the place of a keyframe, where others saw enough of what it saw; not of one
+        that may have strayed: its scan may be asked once more."""
+        graph, front_end, strays = self._graph, self._front_end, self.config.strays
+        if index < self._session.first or not self._is_crowded(index):
+            return
+        if may_have_strayed(graph.keyframes, graph.poses, index, front_end.told_steps, strays):
+            return
+        graph.keyframes[index] = graph.keyframes[index].place_alone()
+        front_end.keep_place_alone(index - self._session.first)
 
     def _is_crowded(self, index: int) -> bool:
         """Whether there are scans enough from about where a keyframe is."""

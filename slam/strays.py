@@ -125,6 +125,28 @@ def without_strays(
     return found, kept, moved_poses, sorted(strays)
 
 
+def may_have_strayed(
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    index: int,
+    told: Sequence[ToldStep],
+    config: StrayConfig | None = None,
+) -> bool:
+    """Whether a keyframe, or one of those about it that are looked at with it, lies aside of the way
+    between those before and after it. told: see `without_strays`."""
+    config, first = config or StrayConfig(), len(keyframes) - len(told)
+    about = range(
+        max(index - config.half, first + 1), min(index + config.half + 1, len(keyframes) - 1)
+    )
+    return any(
+        _apart_m(
+            _way(keyframes, poses, k, (k - 1, k + 1), told[k - first]), SE2.from_array(poses[k])
+        )
+        >= config.least_m
+        for k in about
+    )
+
+
 class _Search:
     """Looks for keyframes on the way between their neighbours."""
 
@@ -146,7 +168,8 @@ class _Search:
         if any(one.is_break for one in keyframes[k:after]) or keyframes[k].is_place_alone:
             return None
         T_now = SE2.from_array(poses[k])
-        best, stays = self._matched(poses, (before, k, after), self._way(poses, k, before, after))
+        T_way = _way(keyframes, poses, k, (before, after), self._told[k - self._first])
+        best, stays = self._matched(poses, (before, k, after), T_way)
         if best is not None and (
             run > 1 or self._squared(poses, k, best.T_map_base) < self._squared(poses, k, T_now)
         ):
@@ -193,18 +216,6 @@ class _Search:
         to, on = self._told[k - self._first], self._told[k + 1 - self._first]
         return to.squared(T_before, T_map_base) + on.squared(T_map_base, T_after)
 
-    def _way(self, poses: FloatArray, k: int, before: int, after: int) -> SE2:
-        """Where a keyframe would be by the wheels, or on an even way between two others."""
-        T_start, told = SE2.from_array(poses[before]), self._told[k - self._first]
-        if not told.is_guess:
-            return T_start @ told.motion
-        start_s, end_s = self._keyframes[before].time_s, self._keyframes[after].time_s
-        share = 1.0 / (after - before)
-        if end_s > start_s:
-            share = min(max((self._keyframes[k].time_s - start_s) / (end_s - start_s), 0.0), 1.0)
-        way = (T_start.inverse() @ SE2.from_array(poses[after])).log()
-        return T_start @ SE2.exp(share * way)
-
     def _learn(self, poses: FloatArray, before: int, after: int) -> None:
         """The surfaces that those to either side saw, as far as they stand."""
         config, keyframes = self._config, self._keyframes
@@ -218,6 +229,22 @@ class _Search:
             standing = keyframes[k].faced[witnesses.stands(k - first)]
             pose = SE2.from_array(poses[k])
             self._surfaces.add(moved(pose, self._surfaces.thinned(standing)))
+
+
+def _way(
+    keyframes: Sequence[Keyframe], poses: FloatArray, k: int, ends: tuple[int, int], told: ToldStep
+) -> SE2:
+    """Where a keyframe would be by the wheels, or on an even way between two others."""
+    before, after = ends
+    T_start = SE2.from_array(poses[before])
+    if not told.is_guess:
+        return T_start @ told.motion
+    start_s, end_s = keyframes[before].time_s, keyframes[after].time_s
+    share = 1.0 / (after - before)
+    if end_s > start_s:
+        share = min(max((keyframes[k].time_s - start_s) / (end_s - start_s), 0.0), 1.0)
+    way = (T_start.inverse() @ SE2.from_array(poses[after])).log()
+    return T_start @ SE2.exp(share * way)
 
 
 def _apart_m(one: SE2, other: SE2) -> float:

@@ -11,21 +11,25 @@ from slam.keyframes import Keyframe
 from slam.mapping import Mapper
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.strays import ToldStep, without_strays
+from slam.strays import StrayConfig, ToldStep, may_have_strayed, without_strays
 from tests.slam import ring
 
 AT, BESIDE = 40, SE2(-0.6, 0.0, 0.0)
 SURE, GUESS = np.diag([0.02**2, 0.02**2, 0.02**2]), np.eye(3)
 
 
-@pytest.fixture(scope="module")
-def slam_map() -> SlamMap:
+def driven() -> Mapper:
     """Half of the ring, by wheels as good as told."""
     mapper = Mapper(ring.T_BASE_LASER)
     rng = np.random.default_rng(0)
     for measurement in ring.drive(ring.way(0.5), rng, turn_scale=1.0, way_scale=1.0):
         mapper.update(measurement)
-    return mapper.finish()
+    return mapper
+
+
+@pytest.fixture(scope="module")
+def slam_map() -> SlamMap:
+    return driven().finish()
 
 
 def told_by(keyframes: tuple[Keyframe, ...], covariance: np.ndarray) -> list[ToldStep]:
@@ -111,3 +115,29 @@ def test_keyframe_that_odometry_led_aside_by_a_jump_is_put_back_where_the_next_s
     told = told_by(slam_map.keyframes, SURE)
     told[AT + 1] = ToldStep(BESIDE @ told[AT + 1].motion, SURE)
     assert without_strays(slam_map.keyframes, [], slam_map.poses, told)[3] == []
+
+
+@pytest.mark.parametrize("covariance", [SURE, GUESS], ids=["wheels", "scans alone"])
+def test_keyframes_about_one_aside_of_the_way_may_have_strayed(slam_map, covariance):
+    told, poses = told_by(slam_map.keyframes, covariance), pushed(slam_map, AT)
+    half = StrayConfig.half
+    # the step on from it leads aside as well, if wheels tell it
+    asked = (AT - half - 2, AT - half, AT, AT + half, AT + half + 2)
+    found = [may_have_strayed(slam_map.keyframes, poses, k, told) for k in asked]
+    assert found == [False, True, True, True, False]
+    assert not may_have_strayed(slam_map.keyframes, slam_map.poses, AT, told)
+    # of a session before nothing is told
+    assert not may_have_strayed(slam_map.keyframes, poses, AT, told[AT + 10 :])
+
+
+def test_scan_that_may_have_strayed_is_kept_in_a_crowd():
+    """none 1537, a ring of corridors with people: 0.54 m off, and no scan to look at once more."""
+    mapper = driven()
+    mapper.config = replace(mapper.config, crowd=0)
+    poses = mapper._graph.poses.copy()
+    poses[AT] = (SE2.from_array(poses[AT]) @ BESIDE).as_array()
+    mapper._graph.set_poses(poses)
+    mapper._thin_crowd(AT)
+    assert not mapper._graph.keyframes[AT].is_place_alone
+    mapper._thin_crowd(AT - 20)
+    assert mapper._graph.keyframes[AT - 20].is_place_alone
