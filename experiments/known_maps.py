@@ -77,7 +77,7 @@ def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
     """A ROS map, or one of ours. Raises ValueError or OSError for a file that is none, or shows no
     wall."""
     check_is_no_folder(path)
-    if path.suffix in _PICTURES:
+    if path.suffix in _PICTURES and path.exists():
         raise ValueError(f"{path} is the picture of a ROS map: give the .yaml that belongs to it")
     if path.suffix == ".kitasap":
         return read_slam_map(path).known(laser)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from experiments.trial_log import locked
 
-_UNFINISHED = ".unfinished"
+_UNFINISHED = ".kitasap-unfinished"
 """Folder among results for those that are not all written yet."""
 
 
@@ -47,15 +47,15 @@ def results_of_one(folder: Path) -> Iterator[None]:
     """
     checked_beside_runs(folder)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
-    try:
-        with locked(folder):
+    with locked(folder):
+        try:
             _remove_unfinished(folder)
             yield
-    finally:
-        for path in made:
-            if not path.is_dir() or any(path.iterdir()):
-                break
-            path.rmdir()
+        finally:  # still locked: else another command may be at work there by now
+            for path in made:
+                if not path.is_dir() or any(path.iterdir()):
+                    break
+                path.rmdir()
 
 
 @contextmanager
@@ -64,14 +64,21 @@ def results_together(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterato
     summary.json gone first and back last: without it, a folder of results is not finished.
 
     outdated: files of results before that are removed where there is no new one.
-    Raises OSError if it cannot; what was there before is left as it was by anything raised within.
+    Raises OSError if it cannot, for a folder in the place of a file as well; what was there before is
+    left as it was by anything raised within.
     """
     _remove_unfinished(folder)
     unfinished = folder / _UNFINISHED
     unfinished.mkdir(parents=True)
     try:
         yield unfinished
-        written = sorted(unfinished.iterdir(), key=lambda path: path.name == "summary.json")
+        written = sorted(
+            unfinished.iterdir(), key=lambda path: (path.name == "summary.json", path.name)
+        )
+        for path in written:
+            if (folder / path.name).is_dir():
+                said = "a folder where a file is to be written"
+                raise IsADirectoryError(errno.EISDIR, said, str(folder / path.name))
         for name in {"summary.json", *outdated} - {path.name for path in written[:-1]}:
             (folder / name).unlink(missing_ok=True)
         for path in written:
@@ -81,8 +88,11 @@ def results_together(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterato
 
 
 def _remove_unfinished(folder: Path) -> None:
-    if (folder / _UNFINISHED).exists():
-        shutil.rmtree(folder / _UNFINISHED)
+    path = folder / _UNFINISHED
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def checked_file(path: Path) -> Path:

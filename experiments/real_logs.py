@@ -195,8 +195,8 @@ def write_results(result: RealLogResult, folder: Path) -> None:
     summary = result.summary()
     folder.mkdir(parents=True, exist_ok=True)
     remove_leftovers(folder, summary["experiment"], REAL_LOG_FILES)
-    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     write_tum(folder / "trajectory.tum", result.trajectory())
+    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
 
 
 def table(summary: dict[str, Any]) -> str:

@@ -51,7 +51,10 @@ class OnlinePoses:
             self.__exit__()
             self._folder.mkdir(parents=True, exist_ok=True)
             if self._passes == 0:  # what is left of a log before, or of one that was killed
-                for path in (self._folder / "summary.json", *self._folder.glob("online-*.tum")):
+                for path in (
+                    self._folder / "summary.json",
+                    *self._folder.glob("online-[0-9]*.tum"),
+                ):
                     path.unlink(missing_ok=True)
             self._file = self._path(self._passes).open("w", encoding="utf-8")
             self._passes += 1

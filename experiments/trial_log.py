@@ -81,16 +81,29 @@ def locked(folder: Path) -> Iterator[None]:
 
     Raises ValueError if another run is at work there.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    if os.name != "posix":  # nothing to lock with
-        yield
-        return
-    handle = os.open(folder, os.O_RDONLY)
+    handle: int | None = None
     try:
-        _lock(handle, folder)
+        while handle is None:
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.name != "posix":  # nothing to lock with
+                break
+            try:
+                handle = os.open(folder, os.O_RDONLY)
+            except FileNotFoundError:  # taken away since: made once more
+                continue
+            _lock(handle, folder)
+            if not _is_there(handle, folder):  # who had it took it away, once done
+                os.close(handle)
+                handle = None
         yield
     finally:
-        os.close(handle)
+        if handle is not None:
+            os.close(handle)
+
+
+def _is_there(handle: int, folder: Path) -> bool:
+    """Whether a folder is still the one that was opened."""
+    return folder.exists() and os.path.samestat(os.fstat(handle), os.stat(folder))
 
 
 def _lock(handle: int, folder: Path) -> None:

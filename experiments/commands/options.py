@@ -113,14 +113,18 @@ RESULTS = Path("results")
 PAPER_TRIALS = 100
 """Section 4.1: "We conducted each experiment 100 times"."""
 
+_NO_VIEWER_FILE = "--rerun="
+"""--rerun without a file, for Typer, which knows no option that may have a value."""
+
 
 def check_words(arguments: list[str]) -> None:
     """Raises ValueError for an argument that is empty: as a path it would be the current folder."""
     for before, word in zip(["", *arguments], arguments, strict=False):
         if word == "--":
             return
-        if not word or (word.startswith("--") and word.endswith("=")):
-            of = word[:-1] or (before if before.startswith("-") else "an argument")
+        is_unset = word.startswith("--") and word.endswith("=") and word != _NO_VIEWER_FILE
+        if not word or is_unset:
+            of = word[:-1] or (before if before.startswith("--") else "an argument")
             raise ValueError(f"{of} is empty: is a variable of the shell not set?")
 
 
@@ -131,5 +135,5 @@ def viewer_told(arguments: list[str]) -> list[str]:
         if word == "--":
             break
         if word == "--rerun" and not following.endswith(".rrd"):
-            told[at] = "--rerun="
+            told[at] = _NO_VIEWER_FILE
     return told

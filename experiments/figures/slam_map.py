@@ -43,7 +43,9 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
         # wide, so that it shows on both sides of a way driven again
         axes.plot(*before.poses[:, :2].T, color="0.6", lw=3.0, label=f"session {number + 1}")
     if slam_map.session_count > 1:
-        axes.plot([], [], color="#21918c", lw=1.2, label=f"session {slam_map.session_count}, by time")
+        axes.plot(
+            [], [], color="#21918c", lw=1.2, label=f"session {slam_map.session_count}, by time"
+        )
     way = LineCollection(
         list(np.stack([trajectory.poses[:-1, :2], trajectory.poses[1:, :2]], axis=1)),
         array=trajectory.times_s[:-1] - trajectory.times_s[0], cmap="viridis", lw=1.2,

@@ -116,6 +116,7 @@ def test_drive_is_mapped_with_odometry_as_a_guess(log, mapped):
 @pytest.mark.parametrize(("used", "kept"), [(0, "0.0"), (1, "1.0")])
 def test_online_poses_are_those_of_the_map_that_is_used(tmp_path, used, kept):
     (tmp_path / "online-3.tum").write_text("of a command that was killed")
+    (tmp_path / "online-monday.tum").write_text("somebody's")
     with OnlinePoses(tmp_path) as online:
         for number in range(2):
             step = MapperStep(5.0, SE2(float(number), 0.0, 0.0), StepStatus.MATCHED, 1.0, 0)
@@ -123,5 +124,5 @@ def test_online_poses_are_those_of_the_map_that_is_used(tmp_path, used, kept):
             online.add(1, step)
         assert read_tum(tmp_path / "online.tum").poses[0, 0] == 0.0
         online.keep(used)
-    assert [path.name for path in tmp_path.iterdir()] == ["online.tum"]
+    assert {path.name for path in tmp_path.iterdir()} == {"online.tum", "online-monday.tum"}
     assert str(read_tum(tmp_path / "online.tum").poses[0, 0]) == kept

@@ -1,15 +1,18 @@
 """A folder that cannot be written is refused before anything is worked out for it."""
 
+import os
 from pathlib import Path
 
 import pytest
 
+from experiments.commands.options import check_words
 from experiments.outputs import (
     checked_file,
     checked_folder,
     results_of_one,
     results_together,
 )
+from experiments.trial_log import locked
 from tests.experiments.refusals import refusal
 
 DATA = Path(__file__).parents[1] / "data"
@@ -140,11 +143,72 @@ def test_summary_is_gone_before_and_back_after_all_else(tmp_path, monkeypatch):
     assert moved == [("map.kitasap", False), ("trajectory.tum", False), ("summary.json", False)]
 
 
-def test_what_a_killed_command_left_is_taken_away_with_the_next(tmp_path):
-    (tmp_path / ".unfinished").mkdir()
-    (tmp_path / ".unfinished" / "map.kitasap").write_text("half of it")
+@pytest.mark.parametrize("kind", ["folder", "file", "dangling"])
+def test_what_a_killed_command_left_is_taken_away_with_the_next(tmp_path, kind):
+    left = tmp_path / ".kitasap-unfinished"
+    if kind == "folder":
+        left.mkdir()
+        (left / "map.kitasap").write_text("half of it")
+    elif kind == "file":
+        left.write_text("something else")
+    else:
+        left.symlink_to("nowhere")
     with results_of_one(tmp_path):
         assert not list(tmp_path.iterdir())
+
+
+def test_results_that_were_not_finished_are_not_those_of_the_next(tmp_path):
+    (tmp_path / ".kitasap-unfinished").mkdir()
+    (tmp_path / ".kitasap-unfinished" / "map.yaml").write_text("old")
+    with results_together(tmp_path) as unfinished:
+        (unfinished / "map.pgm").write_text("new")
+    assert [path.name for path in tmp_path.iterdir()] == ["map.pgm"]
+
+
+def test_folder_in_the_place_of_a_file_leaves_the_results_before(tmp_path):
+    (tmp_path / "slam.png").mkdir()
+    (tmp_path / "map.pgm").write_text("old")
+
+    def written() -> None:
+        with results_together(tmp_path) as unfinished:
+            (unfinished / "map.pgm").write_text("new")
+            (unfinished / "slam.png").write_text("new")
+
+    with pytest.raises(IsADirectoryError, match=r"slam\.png"):
+        written()
+    assert (tmp_path / "map.pgm").read_text() == "old"
+
+
+def test_folder_is_locked_until_one_that_was_made_in_vain_is_gone(tmp_path, monkeypatch):
+    folder, was_locked = tmp_path / "out", []
+    remove = Path.rmdir
+
+    def removed(path: Path) -> None:
+        with pytest.raises(ValueError, match="at work"), locked(folder):
+            pass
+        was_locked.append(path)
+        remove(path)
+
+    monkeypatch.setattr(Path, "rmdir", removed)
+    with results_of_one(folder):
+        pass
+    assert was_locked == [folder]
+
+
+def test_folder_that_was_taken_away_before_it_was_locked_is_made_once_more(tmp_path, monkeypatch):
+    folder, opened = tmp_path / "out", os.open
+
+    def taken_away(path: object, *arguments: object) -> int:
+        monkeypatch.setattr(os, "open", opened)
+        handle = opened(path, *arguments)
+        folder.rmdir()
+        return handle
+
+    monkeypatch.setattr(os, "open", taken_away)
+    with locked(folder):
+        assert folder.is_dir()
+        with pytest.raises(ValueError, match="at work"), locked(folder):
+            pass
 
 
 def test_folder_that_was_made_in_vain_is_not_left_behind(tmp_path):
@@ -165,6 +229,14 @@ def test_empty_path_is_not_the_current_folder(tmp_path, capsys, monkeypatch, typ
     monkeypatch.chdir(tmp_path)
     assert refusal(capsys, *typed).endswith(" is empty: is a variable of the shell not set?")
     assert not list(tmp_path.iterdir())
+
+
+def test_what_stands_behind_two_dashes_and_a_viewer_without_a_file_are_no_empty_path():
+    check_words(["slam", "a.clf", "--rerun=", "--", "", "--out="])
+    with pytest.raises(ValueError, match=r"^an argument is empty"):
+        check_words(["slam", "--start", "-1", ""])
+    with pytest.raises(ValueError, match=r"^--start is empty"):
+        check_words(["slam", "--start", ""])
 
 
 def test_option_of_several_numbers_says_so(capsys):
