@@ -133,18 +133,16 @@ def may_have_strayed(
     config: StrayConfig | None = None,
 ) -> bool:
     """Whether a keyframe, or one of those about it that are looked at with it, lies aside of the way
-    between those before and after it. told: see `without_strays`."""
+    between those before and after it, or of two that do so together. told: see `without_strays`."""
     config, first = config or StrayConfig(), len(keyframes) - len(told)
-    about = range(
-        max(index - config.half, first + 1), min(index + config.half + 1, len(keyframes) - 1)
-    )
-    return any(
-        _apart_m(
-            _way(keyframes, poses, k, (k - 1, k + 1), told[k - first]), SE2.from_array(poses[k])
-        )
-        >= config.least_m
+    about = range(max(index - config.half, first + 1), min(index + config.half + 1, len(keyframes)))
+    ways = (
+        (k, _way(keyframes, poses, k, (k - 1, k + run), told[k - first]))
         for k in about
+        for run in set(config.runs)
+        if k + run < len(keyframes)
     )
+    return any(_apart_m(way, SE2.from_array(poses[k])) >= config.least_m for k, way in ways)
 
 
 class _Search:

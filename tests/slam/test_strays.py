@@ -130,6 +130,17 @@ def test_keyframes_about_one_aside_of_the_way_may_have_strayed(slam_map, covaria
     assert not may_have_strayed(slam_map.keyframes, poses, AT, told[AT + 10 :])
 
 
+@pytest.mark.parametrize(("aside_m", "has_strayed"), [(0.15, False), (0.25, True)])
+def test_two_that_strayed_together_where_nothing_measured_the_way_may_have(
+    slam_map, aside_m, has_strayed
+):
+    # each is beside the other: the way between those before and after both tells
+    told, poses = told_by(slam_map.keyframes, GUESS), slam_map.poses.copy()
+    for k in (AT, AT + 1):
+        poses[k] = (SE2.from_array(poses[k]) @ SE2(0.0, aside_m, 0.0)).as_array()
+    assert may_have_strayed(slam_map.keyframes, poses, AT, told) is has_strayed
+
+
 def test_scan_that_may_have_strayed_is_kept_in_a_crowd():
     """none 1537, a ring of corridors with people: 0.54 m off, and no scan to look at once more."""
     mapper = driven()
