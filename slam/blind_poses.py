@@ -6,45 +6,55 @@ on the way too, by less, and nobody knows where.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 from slam.arrays import FloatArray
+from slam.constant_velocity import coasting_covariance
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import FrontEndStep, StepStatus
 from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 from slam.strays import ToldStep
-from slam.wheel_scale import WheelScale
 
 _MEDIAN_NIS = 2.37
 """Chi2 with three degrees of freedom: wheels off by more show that they are noisier than they say."""
 _MOST_M = 0.2
 """Standard deviation of a place. Chosen: 2.5 times as much is what a pose may be off in a map that is
 right, so that one of a hundred is off by more."""
+_JUMPS = 1
+"""Steps that nobody measured, up to which the others say from both sides where the robot was."""
+_STANDS, _STANDING = 1e-6, 1e-3
+"""[m], [rad]: wheels that tell of less tell of a robot that stands; and what is left of the variance of
+such a step: standing before a blocked laser for a minute, nobody goes anywhere. Chosen."""
+_EVEN_RAD = 0.1
+"""Standard deviation of a turn that goes on as it did. Chosen."""
 
 
 def unknown_blind_poses(
     steps: Sequence[FrontEndStep],
     first_step: int,
     told: Sequence[ToldStep],
-    wheel_scale: WheelScale,
     poses: FloatArray,
+    noise: float,
 ) -> list[str]:
     """In words, that nobody knows where scans were taken that tell nothing, though both ends are known.
 
     first_step: with which the last session begins; told: the motion by the wheels to each of its scans,
-    from the one before. poses: (K, 3) of the keyframes [m, rad].
+    from the one before, by their scale. poses: (K, 3) of the keyframes [m, rad]. noise: variance of the
+    wheels as scans show it, as a multiple of what was told.
     """
     worst_m, said = _MOST_M, list[str]()
     for start, end in _blind(steps, first_step):
-        own = [
-            ToldStep(wheel_scale.scaled(one.motion), wheel_scale.noise * one.covariance)
-            for one in told[start + 1 - first_step : end + 1 - first_step]
-        ]
-        if any(one.is_guess for one in own):
-            continue
         before, after = (_pose(steps[at], poses) for at in (start, end))
-        sigma_m = max(place_sigma_m(one) for one in _known(own, before.inverse() @ after))
+        T_end = before.inverse() @ after
+        way = told[start + 1 - first_step : end + 1 - first_step]
+        if sum(one.is_guess for one in way) > _JUMPS:
+            way = _even_way(T_end, [step.time_s for step in steps[start : end + 1]])
+        else:
+            way = [_by_wheels(one, noise) for one in way]
+        sigma_m = max(place_sigma_m(one) for one in _known(way, T_end))
         if sigma_m > worst_m:
             worst_m = sigma_m
             said = [
@@ -66,6 +76,24 @@ def _blind(steps: Sequence[FrontEndStep], first_step: int) -> Iterator[tuple[int
 
 def _pose(step: FrontEndStep, poses: FloatArray) -> SE2:
     return SE2.from_array(poses[step.keyframe]) @ step.T_keyframe_base
+
+
+def _by_wheels(step: ToldStep, noise: float) -> ToldStep:
+    if step.is_guess:
+        return step
+    stands = step.motion.is_near(SE2.identity(), _STANDS, _STANDS)
+    return ToldStep(step.motion, (_STANDING if stands else noise) * step.covariance)
+
+
+def _even_way(T_end: SE2, times_s: Sequence[float]) -> list[ToldStep]:
+    """Of a robot that nobody measured, and which goes on as it did: hardly twice as far, or stops."""
+    count = len(times_s) - 1
+    motion = SE2.exp(T_end.log() / count)
+    way_m = math.hypot(motion.x, motion.y)
+    return [
+        ToldStep(motion, coasting_covariance(way_m, max(end_s - start_s, 0.0), _EVEN_RAD**2))
+        for start_s, end_s in pairwise(times_s)
+    ]
 
 
 def _known(steps: Sequence[ToldStep], T_end: SE2) -> Iterator[FloatArray]:

@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.blind_poses import unknown_blind_poses
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd
 from slam.hanging_pieces import hanging_pieces
@@ -26,6 +25,7 @@ from slam.measurements import Measurement
 from slam.odometry_jumps import OdometryJumps
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
+from slam.scan_places import unknown_places
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
@@ -155,9 +155,9 @@ class Mapper:
         said += self._begun_with_jump()
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
-            said = unknown_blind_poses(
-                slam_map.steps, self._session.first_step, self._told, self._front_end.wheel_scale,
-                slam_map.poses,
+            said = unknown_places(
+                slam_map, self._session.first_step, self._told, self._front_end.wheel_scale,
+                self.config.is_odometry_doubted,
             )  # fmt: skip
             said = said or too_far_adrift(slam_map.drift_m, slam_map.poses)
             said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)

@@ -76,7 +76,7 @@ def borne_out(
 
     It is loops that bear them out: a chain of scans that leave the way open goes where wheels lead.
     """
-    first, noise = len(keyframes) - len(told), _noise(keyframes, solution.poses, told)
+    first, noise = len(keyframes) - len(told), shown_noise(keyframes, solution.poses, told)
     if noise is None:
         return {}
     found = dict[int, ToldStep]()
@@ -115,11 +115,12 @@ def _way(
     return [replace(step, motion=one) for step, one in zip(steps, motions, strict=True)]
 
 
-def _noise(
+def shown_noise(
     keyframes: Sequence[Keyframe], poses: FloatArray, told: Sequence[ToldStep]
 ) -> float | None:
     """Variance of the wheels as steps show it of which scans are sure, as a multiple of what they were
-    told to have; 1 at least, None where there are not enough."""
+    told to have; 1 at least, None where there are not enough. poses: (K, 3) of the keyframes [m, rad];
+    told: of the last of them, the step to each."""
     first = len(keyframes) - len(told)
     squared = [
         told[k - first].squared(*(SE2.from_array(pose) for pose in poses[k - 1 : k + 1]))

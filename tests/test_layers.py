@@ -120,6 +120,7 @@ RANKS = (
         "strays",
         "stray_scans",
         "blind_poses",
+        "scan_jumps",
         "driven_through",
         "icp_mapping",
         "loop_closing",
@@ -141,7 +142,7 @@ RANKS = (
     },
     {"localization", "known_map", "mapping", "map_session", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
-    | {"hanging_pieces", "open_ways", "wheels_borne_out"},
+    | {"hanging_pieces", "open_ways", "wheels_borne_out", "scan_places"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""

@@ -1,6 +1,8 @@
 """Drives around a block of rooms: corridors with niches, wheels that drift, a laser of 8 m."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -61,3 +63,13 @@ def drive(
         found.append(Measurement(0.2 * index, told if index else SE2.identity(), scan, noise))
         before = pose
     return found
+
+
+def blinded(measurements: Sequence[Measurement], first: int, last: int) -> list[Measurement]:
+    """The same with a laser that says nothing from one scan to before another."""
+    return [
+        replace(one, scan=replace(one.scan, ranges_m=np.full_like(one.scan.ranges_m, np.nan)))
+        if first <= k < last
+        else one
+        for k, one in enumerate(measurements)
+    ]

@@ -14,7 +14,6 @@ from slam.evidence import evidence_of
 from slam.loop_closing import LoopCloser
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
-from slam.measurements import Measurement
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
 from slam.session_joining import JoiningConfig
@@ -39,15 +38,6 @@ def continued(slam_map: SlamMap, measurements, start: SE2 | None = None):
     return mapped(measurements, Mapper.continued(slam_map, ring.T_BASE_LASER, start))
 
 
-def blinded(measurements: list[Measurement], count: int) -> list[Measurement]:
-    return [
-        replace(one, scan=replace(one.scan, ranges_m=np.full_like(one.scan.ranges_m, np.nan)))
-        if k < count
-        else one
-        for k, one in enumerate(measurements)
-    ]
-
-
 @pytest.fixture(scope="module")
 def first() -> SlamMap:
     return mapped(ring.drive(FIRST, np.random.default_rng(0)))[0]
@@ -56,7 +46,7 @@ def first() -> SlamMap:
 @pytest.fixture(scope="module")
 def both(first) -> tuple[SlamMap, list[MapperStep]]:
     # the first two scans tell nothing
-    return continued(first, blinded(ring.drive(SECOND, np.random.default_rng(1)), 2))
+    return continued(first, ring.blinded(ring.drive(SECOND, np.random.default_rng(1)), 0, 2))
 
 
 def test_second_session_is_joined_where_it_is(first, both):
@@ -159,7 +149,7 @@ def test_start_that_is_told_needs_no_search_and_a_wrong_one_is_not_believed(firs
 
 def test_session_that_saw_nothing_fails_the_map(first):
     measurements = ring.drive(SECOND[:5], np.random.default_rng(1))
-    slam_map, _ = continued(first, blinded(measurements, 5))
+    slam_map, _ = continued(first, ring.blinded(measurements, 0, 5))
     assert not slam_map.verdict.is_good
     assert slam_map.unjoined == (1,)
     assert len(slam_map.trajectory) == len(FIRST) + 5

@@ -128,24 +128,14 @@ def test_map_of_a_laser_mounted_upside_down_is_called_failed(poses):
     assert any("the scans turn the other way round" in said for said in found.verdict.reasons)
 
 
-def blinded(measurements, first: int, last: int):
-    """The same with a laser that says nothing from one scan to before another."""
-    return [
-        replace(one, scan=replace(one.scan, ranges_m=np.full_like(one.scan.ranges_m, np.nan)))
-        if first <= k < last
-        else one
-        for k, one in enumerate(measurements)
-    ]
-
-
 @pytest.mark.slow
 def test_scans_after_a_long_way_by_the_wheels_alone_are_matched_with_none_before(poses):
     # 9 m: what fits then may be a place that looks the same
-    found = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), 100, 160))
+    found = mapped(ring.blinded(ring.drive(poses, np.random.default_rng(2)), 100, 160))
     assert found.steps[160].status is StepStatus.BROKEN
     # the lap is closed behind it, which ties both parts
     assert found.verdict.is_good
-    short = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), 100, 120))
+    short = mapped(ring.blinded(ring.drive(poses, np.random.default_rng(2)), 100, 120))
     assert short.steps[120].status is not StepStatus.BROKEN
     assert short.verdict.is_good
 
@@ -179,11 +169,11 @@ def test_way_without_any_scan_is_by_the_wheels_alone_too(poses):
 @pytest.mark.slow
 @pytest.mark.parametrize(("first", "last"), [(0, 60), (340, 1000)])
 def test_map_of_a_drive_that_began_or_ended_blind_is_called_failed(poses, first, last):
-    found = mapped(blinded(ring.drive(poses, np.random.default_rng(2)), first, last))
+    found = mapped(ring.blinded(ring.drive(poses, np.random.default_rng(2)), first, last))
     assert not found.verdict.is_good
     assert "no scan tells where the robot is" in found.verdict.reasons[0]
     # of a robot that stood there, the wheels tell all
-    blind = blinded(ring.drive(poses, np.random.default_rng(2)), first, last)
+    blind = ring.blinded(ring.drive(poses, np.random.default_rng(2)), first, last)
     stood = [
         replace(one, motion=SE2.identity()) if first <= k < last else one
         for k, one in enumerate(blind)
@@ -199,10 +189,10 @@ def test_map_that_ends_with_neither_scans_nor_wheels_is_called_failed(poses):
     ]
     assert mapped(measurements).verdict.is_good
     # blind for a while in between, the next scan says where it is
-    assert mapped(blinded(measurements, 40, 70)).steps[70].status is not StepStatus.CARRIED
-    between = mapped(blinded(measurements, 40, 70)).verdict.reasons
+    assert mapped(ring.blinded(measurements, 40, 70)).steps[70].status is not StepStatus.CARRIED
+    between = mapped(ring.blinded(measurements, 40, 70)).verdict.reasons
     assert not any("neither scans nor wheels" in reason for reason in between)
-    found = mapped(blinded(measurements, 60, 90))
+    found = mapped(ring.blinded(measurements, 60, 90))
     assert not found.verdict.is_good
     assert "neither scans nor wheels" in found.verdict.reasons[0]
 
