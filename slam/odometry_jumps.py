@@ -43,6 +43,13 @@ class _Step:
     motion: SE2
 
     @property
+    def back_m(self) -> float:
+        """How far back it led, as seen from its beginning and from its end: who turned round within it and
+        drove on, or the other way, did not go back."""
+        c, s = math.cos(self.motion.theta), math.sin(self.motion.theta)
+        return -max(self.motion.x, c * self.motion.x + s * self.motion.y)
+
+    @property
     def velocity_mps(self) -> tuple[float, float]:
         """Ahead and to the left."""
         share = self.speed_mps / math.hypot(self.motion.x, self.motion.y)
@@ -51,7 +58,7 @@ class _Step:
     def as_never_before(self, fastest_mps: float, farthest_back_m: float) -> tuple[bool, bool]:
         """Whether it is much faster than a robot drove that went so far, and back for the first time."""
         is_far = math.hypot(self.motion.x, self.motion.y) > _FAR_M
-        is_back = self.motion.x < -_FAR_BACK_M and farthest_back_m <= _LITTLE_BACK_M
+        is_back = self.back_m > _FAR_BACK_M and farthest_back_m <= _LITTLE_BACK_M
         return is_far and self.speed_mps > _FASTER * fastest_mps, is_back
 
 
@@ -160,5 +167,5 @@ class OdometryJumps:
 
 def _most_of(steps: Iterable[_Step], left_out: int = 0) -> tuple[float, float]:
     """How fast [m/s], and how far back [m], steps were at most, each but for so many."""
-    speeds_mps, backs_m = zip(*((one.speed_mps, -one.motion.x) for one in steps), strict=True)
+    speeds_mps, backs_m = zip(*((one.speed_mps, one.back_m) for one in steps), strict=True)
     return sorted(speeds_mps)[-1 - left_out], sorted(backs_m)[-1 - left_out]

@@ -58,6 +58,20 @@ def test_a_way_back_for_the_first_time_is_believed_and_doubted():
 
 
 @pytest.mark.parametrize(
+    "turned_round",
+    [
+        SE2(0.0, 0.0, -2.35) @ SE2(3.5, 0.0, 0.0),  # and drove on
+        SE2(3.5, 0.0, 0.0) @ SE2(0.0, 0.0, 2.35),
+        SE2(1.0, 0.0, 0.0) @ SE2(0.0, 0.0, 2.8) @ SE2(3.0, 0.0, 0.0),
+    ],
+)
+def test_a_robot_that_turned_round_between_two_scans_has_not_gone_back(turned_round):
+    """aces, every third scan lost: seen from before it was led 2.5 m back, and nothing of it believed."""
+    sigma_m = sigmas_m([SE2(0.7, 0.0, 0.0)] * 20 + [turned_round], [1.0] * 20 + [20.0])
+    assert sigma_m == pytest.approx([0.01] * 21)
+
+
+@pytest.mark.parametrize(
     ("after", "has_jumped"),
     [
         ([SE2(-0.7, 0.0, 0.0)] * 4, False),  # it backs up
