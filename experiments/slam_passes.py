@@ -19,6 +19,7 @@ from slam.arrays import FloatArray
 from slam.drive_monitor import told_by_wheels_alone
 from slam.front_end_config import FrontEndConfig
 from slam.map_consistency import leaves_no_doubt
+from slam.map_drift import too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.pose_lookup import PoseLookup
@@ -27,6 +28,11 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
 from slam.warm_up import warm_up
+
+_DRIFT_OF_SECOND = 1.0 / 3.0
+"""Share of the drift that a map may have by its own account, for one by a second look. Chosen: with a third
+of the scans of mit-csail lost in one piece, one that was 0.21 m off said 0.39 m of itself; right ones of real
+logs say 0.26 m at most."""
 
 OnScan = Callable[[int, int, MapperStep], None]
 
@@ -44,7 +50,9 @@ def best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
     except KeyboardInterrupt:
         said = "interrupted while the log was mapped once more: this is the first map"
         return replace(first, notes=(said,))
-    if not leaves_no_doubt(again.slam_map.verdict):
+    if not leaves_no_doubt(again.slam_map.verdict) or too_far_adrift(
+        again.slam_map.drift_m, again.slam_map.poses, _DRIFT_OF_SECOND
+    ):
         return _beside(first, again)
     again = replace(again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True)
     return _beside(again, first)

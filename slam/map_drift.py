@@ -59,12 +59,13 @@ def sigmas_m(solution: PoseGraphSolution, pairs: IntArray) -> list[float]:
     return [place_sigma_m(one) for one in covariances]
 
 
-def too_far_adrift(drift_m: float, poses: FloatArray) -> list[str]:
+def too_far_adrift(drift_m: float, poses: FloatArray, share: float = 1.0) -> list[str]:
     """In words, that a map of keyframes at poses (K, 3) is held by too few loops to be right for
-    sure; none where it is not."""
+    sure; none where it is not. share: of what is let pass."""
     if len(poses) == 0:
         return []
-    if drift_m <= max(_MOST_DRIFT_M, _MOST_DRIFT * float(np.hypot(*np.ptp(poses[:, :2], axis=0)))):
+    large_m = float(np.hypot(*np.ptp(poses[:, :2], axis=0)))
+    if drift_m <= share * max(_MOST_DRIFT_M, _MOST_DRIFT * large_m):
         return []
     return [
         "too few loops hold it together: by its own account its poses are off by"

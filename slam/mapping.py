@@ -30,6 +30,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step, without_strays
+from slam.weak_steps import loosened
 from slam.wheels_borne_out import believe_where_borne_out
 
 _DOUBTED = np.eye(3)
@@ -149,6 +150,8 @@ class Mapper:
         if self.config.is_odometry_doubted:
             own = self._steps[self._session.first_step :]
             believe_where_borne_out(self._graph, self._front_end, own, self._told)
+        else:
+            self._loosen()
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
@@ -185,6 +188,14 @@ class Mapper:
         if not graph.loops:
             poses = chained(keyframes, poses, self._session.first)
         graph.renew(keyframes, graph.loops, poses)
+
+    def _loosen(self) -> None:
+        """Has loops say where steps led to scans that fit badly, and where the wheels did not lead."""
+        graph, front_end = self._graph, self._front_end
+        fits = {step.keyframe: step.inlier_ratio for step in self._steps if step.is_keyframe}
+        noise = front_end.wheel_scale.noise
+        keyframes = loosened(graph.keyframes, front_end.told_steps, fits, noise)
+        graph.renew(keyframes, graph.loops, graph.poses)
 
     def _put_strays_back(self) -> None:
         """Looks back at keyframes of the session that lie aside of the way."""

@@ -121,6 +121,7 @@ RANKS = (
         "stray_scans",
         "blind_poses",
         "scan_jumps",
+        "weak_steps",
         "driven_through",
         "icp_mapping",
         "loop_closing",

@@ -15,6 +15,7 @@ from slam.mapping import MapperStep
 from slam.readers.log import Log
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
+from slam.slam_map import SlamMap
 from slam.trajectory import read_tum
 
 LOG = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
@@ -79,6 +80,16 @@ def test_guess_is_taken_only_beyond_doubt(log, mapped, against, is_used):
         return replace(result, slam_map=replace(result.slam_map, verdict=verdict))
 
     assert best_mapped(log, drive).is_odometry_doubted is is_used
+
+
+@pytest.mark.parametrize(("drift_m", "is_used"), [(0.19, True), (0.21, False), (0.39, False)])
+def test_guess_is_taken_only_if_loops_hold_it_better_than_they_need_to(
+    log, mapped, monkeypatch, drift_m, is_used
+):
+    # mit-csail, a third of the scans lost in one piece: 0.21 m off
+    monkeypatch.setattr(SlamMap, "drift_m", drift_m)
+    result = best_mapped(log, lambda _, config=None: judged(mapped, again(config), "by"))
+    assert result.is_odometry_doubted is is_used
 
 
 def test_what_is_no_fault_of_odometry_is_not_mapped_again(log, mapped):

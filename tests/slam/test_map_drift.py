@@ -88,3 +88,13 @@ def test_map_that_may_be_far_adrift_is_called_failed(monkeypatch, tmp_path):
     path = tmp_path / "map.npz"
     write_slam_map(path, slam_map)
     assert read_slam_map(path).drift_m == pytest.approx(slam_map.drift_m, rel=1e-6)
+
+
+def test_less_drift_is_let_pass_where_more_is_asked():
+    poses = np.array([[0.0, 0.0, 0.0], [30.0, 40.0, 0.0]])
+    assert too_far_adrift(0.5, poses) == []
+    assert too_far_adrift(0.5, poses, 0.5)
+    assert too_far_adrift(0.29, poses, 0.5) == []
+    # of a large one, a share of its size
+    assert too_far_adrift(0.5, 10.0 * poses, 0.5) == []
+    assert too_far_adrift(2.6, 10.0 * poses, 0.5)

@@ -1,0 +1,42 @@
+"""Steps to scans that fit badly, where wheels led elsewhere: nobody knows which of the two is right."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slam.kernels.normal_equations import inverse_of
+from slam.keyframes import Keyframe
+from slam.strays import ToldStep
+
+_WEAK = 0.8
+"""Share of a scan that fits, below which it may be where it seems, or not. Chosen: of scans 2 to 3 m apart
+in the corridors of aces, some that fit by 0.66 to 0.77 were 0.3 to 0.5 m off."""
+_CONTRADICTED = 8.0
+"""Of the wheels' normalised error squared, beyond which one of the two is wrong: 0.95 of chi2 with three
+degrees of freedom."""
+
+
+def loosened(
+    keyframes: Sequence[Keyframe],
+    told: Sequence[ToldStep],
+    inlier_ratios: Mapping[int, float],
+    noise: float,
+) -> list[Keyframe]:
+    """Keyframes, those that fit badly and against the wheels as unsure as the two are apart: then loops say.
+
+    told: of the last keyframes, from a session's first on, what the wheels say of the way to each;
+    inlier_ratios: of these, by their number; noise: variance of the wheels as scans show it, as a multiple
+    of what was told.
+    """
+    found, first = list(keyframes), len(keyframes) - len(told)
+    for k in range(first + 1, len(keyframes)):
+        one, by_wheels = keyframes[k], told[k - first]
+        if one.is_break or by_wheels.is_guess or inlier_ratios[k] >= _WEAK:
+            continue
+        apart = (one.T_before.inverse() @ by_wheels.motion).log()
+        if apart @ inverse_of(noise * by_wheels.covariance) @ apart > _CONTRADICTED:
+            found[k] = replace(one, covariance=one.covariance + np.outer(apart, apart))
+    return found
