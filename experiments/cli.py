@@ -24,6 +24,7 @@ from experiments.commands import (
     world,
 )
 from experiments.commands.options import check_words, viewer_told
+from experiments.standard_streams import outlive_readers
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
@@ -152,11 +153,13 @@ def _refused(reason: str) -> int:
 
 def run_script(experiment: str) -> None:
     """What `python -m experiments.<experiment>` does: `kitasap run` of that experiment."""
+    outlive_readers()
     sys.exit(main(["run", experiment, *sys.argv[1:]]))
 
 
 def entry() -> None:
     """The console script."""
+    outlive_readers()
     sys.exit(main())
 
 

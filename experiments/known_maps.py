@@ -73,16 +73,19 @@ def check_is_no_folder(path: Path) -> None:
         raise ValueError(f"{path} is a folder: give {instead}")
 
 
-def map_of_file(path: Path, laser: LaserModel) -> KnownMap:
-    """A ROS map, or one of ours. Raises ValueError or OSError for a file that is none, or shows no
-    wall."""
+def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...]]:
+    """A ROS map, or one of ours, and what is to be said of it. Raises ValueError or OSError for a file
+    that is none, or shows no wall."""
     check_is_no_folder(path)
     if path.suffix in _PICTURES and path.exists():
         raise ValueError(f"{path} is the picture of a ROS map: give the .yaml that belongs to it")
     if path.suffix == ".kitasap":
-        return read_slam_map(path).known(laser)
+        slam_map = read_slam_map(path)
+        reasons = slam_map.verdict.reasons
+        said = (f"{path.name} was called failed when it was made: {reasons[0]}",) if reasons else ()
+        return slam_map.known(laser), said
     grid = read_map(path)
     try:
-        return KnownMap.of_grid(grid, laser)
+        return KnownMap.of_grid(grid, laser), ()
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error

@@ -104,11 +104,11 @@ def run(
     are not what they should be, OSError for unreadable ones.
     """
     config = config or LogConfig()
-    known = map_of_file(map_path, config.laser)
+    known, said = map_of_file(map_path, config.laser)
     log = read_log(log_path, choice)
     estimates, last = localized(known, log, start, config, on_scan, observer)
     return LocalizedLog(
-        log.name, map_path.name, config, known, tuple(estimates), last, start, log.notes
+        log.name, map_path.name, config, known, tuple(estimates), last, start, (*said, *log.notes)
     )
 
 

@@ -38,14 +38,20 @@ def checked_beside_runs(folder: Path) -> Path:
 
 
 @contextmanager
-def results_of_one(folder: Path) -> Iterator[None]:
+def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
     """Keeps other commands out of a folder while one works for it, and takes away what one that was
     killed had not finished. A folder made for it that stays empty is not left behind.
 
-    Raises ValueError for a folder of trials, for a file, or if another command is at work there;
-    OSError, naming the folder, where nothing can be written.
+    experiments: as summary.json calls those whose results may be written over.
+    Raises ValueError for a folder of trials, or of other results, for a file, or if another command is
+    at work there; OSError, naming the folder, where nothing can be written.
     """
     checked_beside_runs(folder)
+    if (folder / "summary.json").exists():
+        there = _experiment_of(folder)
+        if there not in experiments:
+            what = "a summary.json that is none of ours" if there is None else f"results of {there}"
+            raise ValueError(f"--out {folder} holds {what}: give another folder")
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     with locked(folder):
         try:
@@ -142,9 +148,15 @@ def remove_leftovers(
 
     files_of: beside summary.json, which tells whose they are; of others nothing is touched.
     """
-    try:
-        before = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["experiment"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return  # nothing there, or nothing of ours
-    for name in set(files_of.get(before, ())) - set(files_of[experiment]):
+    before = _experiment_of(folder)
+    for name in set(files_of.get(before or "", ())) - set(files_of[experiment]):
         (folder / name).unlink(missing_ok=True)
+
+
+def _experiment_of(folder: Path) -> str | None:
+    """What the results in a folder are of; None where nothing is there, or nothing of ours."""
+    try:
+        text = (folder / "summary.json").read_text(encoding="utf-8")
+        return str(json.loads(text)["experiment"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

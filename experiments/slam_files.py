@@ -29,33 +29,31 @@ class OnlinePoses:
     there to be read (`tail -f`) before the next scan is looked at.
 
     Of a log that is mapped more than once, the first time; another pass has online-2.tum and so on
-    while it lasts, and `keep` leaves that of the map that is used. With the first pose summary.json is
-    taken away, which is written last: a folder without it is not finished, whatever lies there of
-    another log. Raises OSError if it cannot write.
+    while it lasts, and `keep` leaves that of the map that is used. Results that were finished before
+    stay as they are until there are others: their online.tum is laid aside, and comes back if nothing
+    is kept. Raises OSError if it cannot write.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._passes = folder, 0
         self._file: TextIO | None = None
+        self._aside = folder / ".online.tum"
 
     def __enter__(self) -> OnlinePoses:
+        self._bring_back()  # of a command that was killed
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._file is not None:
-            self._file.close()
+        self._close()
+        self._bring_back()
 
     def add(self, index: int, step: MapperStep) -> None:
         """One more scan is placed; index 0 begins anew."""
         if index == 0 or self._file is None:
-            self.__exit__()
+            self._close()
             self._folder.mkdir(parents=True, exist_ok=True)
-            if self._passes == 0:  # what is left of a log before, or of one that was killed
-                for path in (
-                    self._folder / "summary.json",
-                    *self._folder.glob("online-[0-9]*.tum"),
-                ):
-                    path.unlink(missing_ok=True)
+            if self._passes == 0:
+                self._lay_aside()
             self._file = self._path(self._passes).open("w", encoding="utf-8")
             self._passes += 1
             self._file.write(TUM_HEADER + "\n")
@@ -65,13 +63,31 @@ class OnlinePoses:
 
     def keep(self, used_pass: int) -> None:
         """Leaves the poses of one pass, from 0, as online.tum, and no others."""
-        self.__exit__()
+        self._close()
+        self._aside.unlink(missing_ok=True)
         for number in range(self._passes):
             path = self._path(number)
             if number == used_pass:
                 path.replace(self._path(0))
             elif number > 0:
                 path.unlink()
+
+    def _lay_aside(self) -> None:
+        """What is left of results that are finished; of those that are not, it goes."""
+        for path in self._folder.glob("online-[0-9]*.tum"):
+            path.unlink()
+        if (self._folder / "summary.json").exists() and self._path(0).exists():
+            self._path(0).replace(self._aside)
+
+    def _bring_back(self) -> None:
+        if self._aside.exists():
+            self._aside.replace(self._path(0))
+            for path in self._folder.glob("online-[0-9]*.tum"):
+                path.unlink()
+
+    def _close(self) -> None:
+        if self._file is not None:
+            self._file.close()
 
     def _path(self, number: int) -> Path:
         """Of a pass, from 0."""

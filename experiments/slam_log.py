@@ -42,6 +42,8 @@ def run(
     """
     # refused now rather than after the log
     against = None if reference is None else read_tum(reference)
+    if reference is not None and against is not None and len(against) == 0:
+        raise ValueError(f"{reference.name}: no pose in it, lines of time_s x y z qx qy qz qw")
     related = None if relations is None else read_relations(relations)
     if map_path is not None:
         check_is_no_folder(map_path)

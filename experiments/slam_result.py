@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,9 @@ from slam.loop_closing import without_ties
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
+
+_FEW = 3
+"""Reasons that are told of a map that failed; chosen: one whose units are wrong breaks off at each scan."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,12 @@ class SlamLog:
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
+    @property
+    def said_of_map(self) -> str:
+        """Whether the map is good, and why it is not; the first few reasons of many."""
+        reasons = few_of(self.slam_map.verdict.reasons)
+        return "FAILED: " + "; ".join(reasons) if reasons else "good"
+
     def _session(self, number: int) -> dict[str, Any]:
         """A session of the map, from 0."""
         times_s = self.slam_map.trajectory_of(number).times_s
@@ -105,6 +115,13 @@ class SlamLog:
             "to_s": float(times_s[-1]) if len(times_s) else None,
             "joined": number not in self.slam_map.unjoined,
         }
+
+
+def few_of(reasons: Sequence[str]) -> list[str]:
+    """As many reasons as one reads, and how many more there are."""
+    if len(reasons) <= _FEW:
+        return list(reasons)
+    return [*reasons[: _FEW - 1], f"and {len(reasons) - _FEW + 1} more in summary.json"]
 
 
 def _grown(memory_mb: float | None) -> str:
@@ -127,7 +144,7 @@ def _said_of_map(summary: dict[str, Any]) -> list[str]:
     """What is wrong with a map; of a good one, how far it may have drifted."""
     drift_m = summary["drift_m"]
     if summary["reasons"] or drift_m is None or summary["keyframes"] < 2:
-        return list(summary["reasons"])
+        return few_of(summary["reasons"])
     return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
 

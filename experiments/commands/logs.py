@@ -18,7 +18,7 @@ from experiments.commands.options import (
     Seed,
 )
 from experiments.outputs import results_of_one, results_together
-from experiments.protocols import DEFAULT_METHOD
+from experiments.protocols import DEFAULT_METHOD, REAL_LOG_FILES
 
 if TYPE_CHECKING:
     from slam.mapping import MapperStep
@@ -52,7 +52,7 @@ def real_log(
     """
     if jumps is not None and protocol != "jumps":
         raise ValueError(f"--jumps changes nothing of {protocol}: it is of --protocol jumps")
-    with results_of_one(out):
+    with results_of_one(out, *REAL_LOG_FILES):
         if protocol == "tracked":
             is_done = _tracked(log, reference, out, method)
         else:
@@ -129,7 +129,7 @@ def localize(
     from experiments.rerun_views import RerunLog
 
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
-    with results_of_one(out):
+    with results_of_one(out, "localize"):
         with shown(rerun, log.name) as stream, ScanProgress(log.name) as progress:
             observer = NO_ONE if stream is None else RerunLog(stream)
             result = localizing.run(
@@ -207,7 +207,7 @@ def slam(
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
-    with results_of_one(out):
+    with results_of_one(out, "slam"):
         with (
             shown(rerun, log.name) as stream,
             SlamProgress(log.name) as progress,

@@ -56,8 +56,7 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     figure.colorbar(way, ax=axes, shrink=0.6, label="time [s]")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal")
-    verdict = slam_map.verdict
-    said = "good" if verdict.is_good else "FAILED: " + "; ".join(verdict.reasons)
+    said = result.said_of_map
     if result.is_odometry_doubted:
         said += ", by odometry as a guess alone"
     axes.set_title(

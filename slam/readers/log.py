@@ -82,7 +82,8 @@ class Log:
         if self.is_blind:
             raise ValueError(
                 f"{self.name}: none of the {self.scan_count} scans has a beam that came back: all"
-                " ranges are nan, not above 0, or no return; expected ranges to walls, in metres"
+                " ranges are nan, not above 0, one and the same, or no return; expected ranges to walls,"
+                " in metres"
             )
 
     def measurements(self) -> Iterator[Measurement]:

@@ -143,6 +143,21 @@ def test_summary_is_gone_before_and_back_after_all_else(tmp_path, monkeypatch):
     assert moved == [("map.kitasap", False), ("trajectory.tum", False), ("summary.json", False)]
 
 
+@pytest.mark.parametrize(
+    ("there", "what"),
+    [
+        ('{"experiment": "localize"}', "results of localize"),
+        ("{}", "a summary.json that is none of ours"),
+        ("mine", "a summary.json that is none of ours"),
+    ],
+)
+def test_results_of_something_else_are_not_written_over(tmp_path, capsys, there, what):
+    (tmp_path / "summary.json").write_text(there)
+    said = refusal(capsys, "slam", LOG, "--out", tmp_path)
+    assert said == f"--out {tmp_path} holds {what}: give another folder"
+    assert (tmp_path / "summary.json").read_text() == there
+
+
 @pytest.mark.parametrize("kind", ["folder", "file", "dangling"])
 def test_what_a_killed_command_left_is_taken_away_with_the_next(tmp_path, kind):
     left = tmp_path / ".kitasap-unfinished"

@@ -9,8 +9,11 @@ import pytest
 from scipy.spatial import cKDTree
 
 from experiments.cli import main
-from experiments.slam_result import table
+from experiments.known_maps import map_of_file
+from experiments.slam_files import OnlinePoses
+from experiments.slam_result import few_of, table
 from slam import read_map, read_slam_map, read_tum
+from slam.known_map import USUAL_LASER
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
 from slam.readers.recognition import read_log
@@ -101,18 +104,41 @@ def test_each_pose_is_there_to_be_read_when_its_scan_arrived(tmp_path, monkeypat
     assert len(read_tum(tmp_path / "online.tum")) == summary["scans"]
 
 
-def test_folder_of_a_log_that_was_not_finished_does_not_look_finished(tmp_path, monkeypatch):
+def test_results_that_are_finished_stay_until_there_are_others(tmp_path, monkeypatch, capsys):
     def killed(*_):
+        if (tmp_path / "summary.json").exists():  # others may follow the poses meanwhile
+            assert len(read_tum(tmp_path / "online.tum")) == 1
         raise KeyboardInterrupt
 
-    (tmp_path / "summary.json").write_text('{"verdict": "good"}')
-    # of a log that cannot be read nothing is touched
+    before = {"summary.json": '{"experiment": "slam"}', "online.tum": "poses", "map.kitasap": "map"}
+    for name, text in before.items():
+        (tmp_path / name).write_text(text)
     assert main(["slam", str(tmp_path / "nowhere.clf"), "--out", str(tmp_path)]) == 2
-    assert (tmp_path / "summary.json").exists()
     monkeypatch.setattr("experiments.progress.SlamProgress.update", killed)
+    for _ in range(2):
+        with pytest.raises((KeyboardInterrupt, SystemExit)):
+            raise SystemExit(main(["slam", str(LOG), "--out", str(tmp_path)]))
+        assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
+    # poses that belong to nothing that is finished are of the last that tried
+    (tmp_path / "summary.json").unlink()
     with pytest.raises((KeyboardInterrupt, SystemExit)):
         raise SystemExit(main(["slam", str(LOG), "--out", str(tmp_path)]))
-    assert not (tmp_path / "summary.json").exists()
+    assert len(read_tum(tmp_path / "online.tum")) == 1
+
+
+def test_poses_that_a_killed_command_laid_aside_come_back(tmp_path):
+    (tmp_path / ".online.tum").write_text("finished")
+    (tmp_path / "online.tum").write_text("not")
+    (tmp_path / "online-2.tum").write_text("not either")
+    with OnlinePoses(tmp_path):
+        pass
+    there = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    assert there == {"online.tum": "finished"}
+
+
+def test_few_reasons_are_told_of_many():
+    assert few_of(["a", "b", "c"]) == ["a", "b", "c"]
+    assert few_of(list("abcde")) == ["a", "b", "and 3 more in summary.json"]
 
 
 def test_picture_is_there(folder):
@@ -133,6 +159,9 @@ def test_reference_that_is_none_is_refused_before_the_log_is_mapped(tmp_path, ca
     path.write_text("no poses\n")
     line = refusal(capsys, "slam", LOG, "--out", tmp_path / "out", "--reference", path)
     assert "reference.tum" in line
+    path.write_text("")
+    line = refusal(capsys, "slam", LOG, "--out", tmp_path / "out", "--reference", path)
+    assert line.startswith("reference.tum: no pose in it")
 
 
 @pytest.mark.slow
@@ -217,6 +246,10 @@ def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, c
     assert "map: failed; session 2" in said
     line = refusal(capsys, "slam", LOG, "--map", tmp_path / "map.kitasap", "--out", tmp_path / "c")
     assert "session 2 of the map was never joined" in line
+    # whoever localises on it is told
+    _, (said,) = map_of_file(tmp_path / "map.kitasap", USUAL_LASER)
+    assert said.startswith("map.kitasap was called failed when it was made: session 2")
+    assert map_of_file(path, USUAL_LASER)[1] == ()
 
 
 def test_map_to_continue_is_refused_in_one_line(folder, tmp_path, capsys):

@@ -1,0 +1,44 @@
+"""Standard output and error of a command whose reader may go away before it ends."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from typing import Any, TextIO
+
+
+class _UntilNobodyReads(io.FileIO):
+    """A file that takes everything, once nobody reads it any more: the work goes on, and its status says
+    how it ended. is_told_all: else what a full disk does not take is an error as well."""
+
+    def __init__(self, descriptor: int, is_told_all: bool) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._is_told_all = is_told_all
+
+    def write(self, content: Any, /) -> int:
+        """As of a file."""
+        try:
+            return super().write(content) or 0
+        except OSError as error:
+            if self._is_told_all and not isinstance(error, BrokenPipeError):
+                raise
+            return len(content)
+
+
+def outlive_readers() -> None:
+    """Has the streams of this process go nowhere, once nobody reads them; and from the first, where they
+    were closed."""
+    sys.stdout = _outliving(sys.stdout, is_told_all=True)
+    sys.stderr = _outliving(sys.stderr, is_told_all=False)
+
+
+def _outliving(stream: TextIO | None, *, is_told_all: bool) -> TextIO:
+    if stream is None:
+        return open(os.devnull, "w", encoding="utf-8")
+    stream.flush()
+    raw = _UntilNobodyReads(stream.fileno(), is_told_all)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw), stream.encoding, stream.errors,
+        line_buffering=stream.isatty() or not is_told_all,
+    )  # fmt: skip
