@@ -31,11 +31,14 @@ from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step, without_strays
 from slam.weak_steps import loosened
-from slam.wheels_borne_out import believe_where_borne_out
+from slam.wheels_borne_out import believe_where_borne_out, shown_noise
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
 to the next."""
+
+_LEAST_NOISE = 0.01
+"""Variance of wheels, as a share of what they are told to have. Chosen: none are as good as their ticks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +196,11 @@ class Mapper:
         """Has loops say where steps led to scans that fit badly, and where the wheels did not lead."""
         graph, front_end = self._graph, self._front_end
         fits = {step.keyframe: step.inlier_ratio for step in self._steps if step.is_keyframe}
-        noise = front_end.wheel_scale.noise
-        keyframes = loosened(graph.keyframes, front_end.told_steps, fits, noise)
+        told = front_end.told_steps
+        noise = shown_noise(graph.keyframes, graph.poses, told, least=0.0)
+        if noise is None:
+            return
+        keyframes = loosened(graph.keyframes, told, fits, max(noise, _LEAST_NOISE))
         graph.renew(keyframes, graph.loops, graph.poses)
 
     def _put_strays_back(self) -> None:

@@ -116,10 +116,10 @@ def _way(
 
 
 def shown_noise(
-    keyframes: Sequence[Keyframe], poses: FloatArray, told: Sequence[ToldStep]
+    keyframes: Sequence[Keyframe], poses: FloatArray, told: Sequence[ToldStep], least: float = 1.0
 ) -> float | None:
     """Variance of the wheels as steps show it of which scans are sure, as a multiple of what they were
-    told to have; 1 at least, None where there are not enough. poses: (K, 3) of the keyframes [m, rad];
+    told to have; some at least, None where there are not enough. poses: (K, 3) of the keyframes [m, rad];
     told: of the last of them, the step to each."""
     first = len(keyframes) - len(told)
     squared = [
@@ -128,7 +128,7 @@ def shown_noise(
         if place_sigma_m(keyframes[k].covariance) < _SURE_M and not keyframes[k].is_break
         if not told[k - first].is_guess
     ]
-    return max(1.0, float(np.median(squared)) / _MEDIAN_NIS) if len(squared) >= _LEAST else None
+    return max(least, float(np.median(squared)) / _MEDIAN_NIS) if len(squared) >= _LEAST else None
 
 
 def _loose(keyframes: Sequence[Keyframe], first: int) -> Iterator[tuple[int, int]]:

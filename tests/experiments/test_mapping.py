@@ -106,6 +106,16 @@ def test_whole_drive_is_mapped_the_same_with_others_and_alone(config):
     assert alone["methods"]["limit"] == both.record()["methods"]["limit"]
 
 
+@pytest.mark.slow
+def test_person_in_a_door_does_not_bend_the_place():
+    """Of a hundred trials (seed 20010) the one that failed: a step was 9 cm short of what wheels, known to
+    millimetres elsewhere, told; recall 0.973."""
+    config = TrialConfig(place="place_fig6", people=3, methods=("limit",))
+    found = run_trial(config, generator(NAME, 20010, 49)).outcomes["limit"]
+    assert found.is_good
+    assert found.quality.recall > 0.995
+
+
 def test_worst_trials_are_those_that_failed_then_the_poorest(result):
     good = result.record()
     poor, failed = (json.loads(json.dumps(good)) for _ in range(2))

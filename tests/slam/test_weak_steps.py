@@ -50,6 +50,13 @@ def test_step_is_as_unsure_as_scan_and_wheels_are_apart():
     assert sigma_m[1] < 0.06
 
 
+def test_wheels_that_are_better_than_they_say_are_sooner_believed():
+    # place_fig6, beside people in its door: 7 cm off by a scan that fits by 0.87
+    assert changed(fit=0.87) == {}
+    assert list(changed(fit=0.87, noise=0.1)) == [AT]
+    assert changed(fit=0.92, noise=0.01) == {}
+
+
 @pytest.mark.parametrize(
     "else_than",
     [

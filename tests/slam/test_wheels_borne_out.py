@@ -14,7 +14,12 @@ from slam.loop_closing import Loop
 from slam.mapper_config import MapperConfig
 from slam.strays import ToldStep
 from slam.wheel_scale import ScaledStep
-from slam.wheels_borne_out import believe_where_borne_out, borne_out, told_to_keyframes
+from slam.wheels_borne_out import (
+    believe_where_borne_out,
+    borne_out,
+    shown_noise,
+    told_to_keyframes,
+)
 
 COUNT, LOOSE = 40, range(16, 20)
 STEP = SE2(0.4, 0.0, 0.02)
@@ -130,6 +135,14 @@ def test_noise_that_the_wheels_show_elsewhere_counts():
     found = borne_out(keyframes, solved(keyframes, true, *ROUND), told(covariance=1e-5 * np.eye(3)))
     assert set(found) >= set(LOOSE)
     assert min(step.covariance[0, 0] for step in found.values()) > 1e-4
+
+
+def test_noise_may_be_less_than_told_where_that_is_asked():
+    keyframes, true = drive({})
+    poses = np.array([pose.as_array() for pose in true])
+    assert shown_noise(keyframes, poses, told()) == 1.0
+    assert shown_noise(keyframes, poses, told(), least=0.0) < 0.01
+    assert shown_noise(keyframes[:5], poses[:5], told()[:5]) is None
 
 
 def test_steps_that_nobody_measured_show_no_noise():
