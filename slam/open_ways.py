@@ -16,7 +16,6 @@ from slam.map_drift import drift_m
 from slam.odometry import place_sigma_m
 from slam.rescaling import chained, rescaled
 from slam.slam_map import SlamMap, graph_of
-from slam.strays import ToldStep
 from slam.wheel_scale import ScaledStep, WheelScale
 
 _MOST_M = 0.1
@@ -42,7 +41,7 @@ def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float) -> 
     most_m = max(_MOST_M, _MOST * float(np.hypot(*np.ptp(slam_map.poses[:, :2], axis=0))))
     scale = front_end.wheel_scale
     longer = _longer(slam_map, front_end.scaled_steps, scale)
-    told = _told(slam_map, front_end.told_steps)
+    told = _told(slam_map, front_end)
     # one step after the other; loops but lessen it, and most maps need no second look
     first = len(slam_map.keyframes) - len(front_end.scaled_steps)
     before, after = (chained(one, slam_map.poses, first) for one in (slam_map.keyframes, longer))
@@ -77,9 +76,11 @@ def _longer(
     return rescaled(slam_map.keyframes, off, wheel_scale.scale)
 
 
-def _told(slam_map: SlamMap, by_wheels: Sequence[ToldStep]) -> list[Keyframe]:
+def _told(slam_map: SlamMap, front_end: FrontEnd) -> list[Keyframe]:
     """The keyframes, as sure as can be of each step of the last session but those of which the scan
-    does not tell how far it went, or hardly; by_wheels: the steps to them."""
+    does not tell how far it went, or hardly. One that wheels contradicted, and which is less sure for
+    that than the front end was, tells all the same."""
+    by_wheels = front_end.told_steps
     session = slam_map.session_count - 1
     is_open = {
         step.keyframe
@@ -91,7 +92,10 @@ def _told(slam_map: SlamMap, by_wheels: Sequence[ToldStep]) -> list[Keyframe]:
         k
         for k, step in enumerate(by_wheels[1:], start=first + 1)
         if not slam_map.keyframes[k].is_break  # what is known over these, loops say
-        and place_sigma_m(slam_map.keyframes[k].covariance)
+        and min(
+            place_sigma_m(one.covariance)
+            for one in (slam_map.keyframes[k], front_end.keyframes[k - first])
+        )
         > math.sqrt(_LITTLE_TOLD) * place_sigma_m(step.covariance)
     }
     # what the scan itself tells of the way to these, their ties say
