@@ -231,9 +231,14 @@ def _number(value: float) -> float | None:
 
 def _poses_of(path: Path) -> tuple[Trajectory, bool]:
     trajectory, is_stamped = read_trajectory(path)
+    check_has_poses(trajectory, path)
+    return trajectory, is_stamped
+
+
+def check_has_poses(trajectory: Trajectory, path: Path) -> None:
+    """Raises ValueError that names the file of a trajectory without any."""
     if len(trajectory) == 0:
         raise ValueError(f"{path.name}: no pose in it, lines of time_s x y z qx qy qz qw")
-    return trajectory, is_stamped
 
 
 def _of_format(is_stamped: bool) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.evaluation import evaluated, span
+from experiments.evaluation import check_has_poses, evaluated, span
 from experiments.known_maps import check_is_no_folder
 from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_passes import OnScan, best_mapped, mapped_once
@@ -42,8 +42,8 @@ def run(
     """
     # refused now rather than after the log
     against = None if reference is None else read_tum(reference)
-    if reference is not None and against is not None and len(against) == 0:
-        raise ValueError(f"{reference.name}: no pose in it, lines of time_s x y z qx qy qz qw")
+    if reference is not None and against is not None:
+        check_has_poses(against, reference)
     related = None if relations is None else read_relations(relations)
     if map_path is not None:
         check_is_no_folder(map_path)

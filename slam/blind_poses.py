@@ -17,9 +17,8 @@ from slam.keyframes import FrontEndStep, StepStatus
 from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 from slam.strays import ToldStep
+from slam.wheel_scale import MEDIAN_NIS
 
-_MEDIAN_NIS = 2.37
-"""Chi2 with three degrees of freedom: wheels off by more show that they are noisier than they say."""
 _MOST_M = 0.2
 """Standard deviation of a place. Chosen: 2.5 times as much is what a pose may be off in a map that is
 right, so that one of a hundred is off by more."""
@@ -47,7 +46,7 @@ def unknown_blind_poses(
     """
     worst_m, said = _MOST_M, list[str]()
     for start, end in _blind(steps, first_step):
-        before, after = (_pose(steps[at], poses) for at in (start, end))
+        before, after = (steps[at].placed(poses) for at in (start, end))
         T_end = before.inverse() @ after
         way = told[start + 1 - first_step : end + 1 - first_step]
         if sum(one.is_guess for one in way) > _JUMPS:
@@ -74,10 +73,6 @@ def _blind(steps: Sequence[FrontEndStep], first_step: int) -> Iterator[tuple[int
             start = at
 
 
-def _pose(step: FrontEndStep, poses: FloatArray) -> SE2:
-    return SE2.from_array(poses[step.keyframe]) @ step.T_keyframe_base
-
-
 def _by_wheels(step: ToldStep, noise: float) -> ToldStep:
     if step.is_guess:
         return step
@@ -98,14 +93,15 @@ def _even_way(T_end: SE2, times_s: Sequence[float]) -> list[ToldStep]:
 
 def _known(steps: Sequence[ToldStep], T_end: SE2) -> Iterator[FloatArray]:
     """(3, 3) of the pose after each step but the last, each in its own frame, once it is known where all
-    of them led: the smoother of Rauch, Tung and Striebel (1965). By wheels as noisy as that shows."""
+    of them led: the smoother of Rauch, Tung and Striebel (1965). By wheels as noisy as that shows: off by
+    more than usual, they are noisier than they say."""
     way, on_the_way = ToldStep.none(), list[ToldStep]()
     for step in steps:
         way = way.then(step.motion, step.covariance)
         on_the_way.append(way)
     off = (way.motion.inverse() @ T_end).log()
     information = inverse_of(way.covariance)
-    noise = max(1.0, float(off @ information @ off) / _MEDIAN_NIS)
+    noise = max(1.0, float(off @ information @ off) / MEDIAN_NIS)
     for one in on_the_way[:-1]:
         to_end = (one.motion.inverse() @ way.motion).inverse().adjoint()
         across = one.covariance @ to_end.T

@@ -80,3 +80,9 @@ class FrontEndStep:
     is_open: bool = False
     passed_ratio: float = 0.0
     is_tied: bool = False
+
+    def placed(self, poses: FloatArray) -> SE2:
+        """Where it was taken, with keyframes at poses (K, 3)."""
+        if self.keyframe < 0:
+            return self.T_keyframe_base
+        return SE2.from_array(poses[self.keyframe]) @ self.T_keyframe_base

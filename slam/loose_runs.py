@@ -100,7 +100,7 @@ def smoothed(
         k, seen = steps[first].keyframe, steps[first + len(run.scans)]
         if k < 0 or seen.keyframe < 0:
             continue
-        T_seen = SE2.from_array(poses[seen.keyframe]) @ seen.T_keyframe_base
+        T_seen = seen.placed(poses)
         # as seen from the keyframe before, which has a pose of its own in the front end
         T_before = keyframes[k].T_map_base
         T_before_seen = SE2.from_array(poses[k]).inverse() @ T_seen

@@ -30,15 +30,12 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step, without_strays
-from slam.weak_steps import loosened
-from slam.wheels_borne_out import believe_where_borne_out, shown_noise
+from slam.weak_steps import loosen_contradicted
+from slam.wheels_borne_out import believe_where_borne_out
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
 to the next."""
-
-_LEAST_NOISE = 0.01
-"""Variance of wheels, as a share of what they are told to have. Chosen: none are as good as their ticks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +151,7 @@ class Mapper:
             own = self._steps[self._session.first_step :]
             believe_where_borne_out(self._graph, self._front_end, own, self._told)
         else:
-            self._loosen()
+            loosen_contradicted(self._graph, self._front_end, self._steps)
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
@@ -191,17 +188,6 @@ class Mapper:
         if not graph.loops:
             poses = chained(keyframes, poses, self._session.first)
         graph.renew(keyframes, graph.loops, poses)
-
-    def _loosen(self) -> None:
-        """Has loops say where steps led to scans that fit badly, and where the wheels did not lead."""
-        graph, front_end = self._graph, self._front_end
-        fits = {step.keyframe: step.inlier_ratio for step in self._steps if step.is_keyframe}
-        told = front_end.told_steps
-        noise = shown_noise(graph.keyframes, graph.poses, told, least=0.0)
-        if noise is None:
-            return
-        keyframes = loosened(graph.keyframes, told, fits, max(noise, _LEAST_NOISE))
-        graph.renew(keyframes, graph.loops, graph.poses)
 
     def _put_strays_back(self) -> None:
         """Looks back at keyframes of the session that lie aside of the way."""

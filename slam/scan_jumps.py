@@ -12,7 +12,6 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.keyframes import FrontEndStep, StepStatus
-from slam.se2 import SE2
 from slam.strays import ToldStep
 
 _MOVES_MPS = 0.05
@@ -63,7 +62,7 @@ def scan_jumps(
 def _driven(steps: Sequence[FrontEndStep], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N - 1, 2) velocities [m/s] from each of N scans to the next, in the map's frame, and (N - 1,) the
     time that took [s]; of stamps that stand, or go back, half as long as usual."""
-    placed = [SE2.from_array(poses[step.keyframe]) @ step.T_keyframe_base for step in steps]
+    placed = [step.placed(poses) for step in steps]
     intervals_s = np.diff([step.time_s for step in steps])
     intervals_s = np.maximum(intervals_s, max(0.5 * float(np.median(intervals_s)), _BRIEF_S))
     moved_m = np.diff([(pose.x, pose.y) for pose in placed], axis=0)

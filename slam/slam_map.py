@@ -113,9 +113,7 @@ class SlamMap:
 
     def pose_of(self, step: FrontEndStep) -> SE2:
         """Where a scan was taken."""
-        if step.keyframe < 0:
-            return step.T_keyframe_base
-        return SE2.from_array(self.poses[step.keyframe]) @ step.T_keyframe_base
+        return step.placed(self.poses)
 
     def _trajectory(self, steps: Sequence[FrontEndStep]) -> Trajectory:
         poses = [self.pose_of(step).as_array() for step in steps]

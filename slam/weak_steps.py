@@ -7,9 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.front_end import FrontEnd
 from slam.kernels.normal_equations import inverse_of
-from slam.keyframes import Keyframe
+from slam.keyframe_graph import KeyframeGraph
+from slam.keyframes import FrontEndStep, Keyframe
 from slam.strays import ToldStep
+from slam.wheels_borne_out import shown_noise
 
 _WEAK = (0.8, 8.0), (0.9, 80.0)
 """Share of a scan that fits, below which it may be where it seems, or not; and the wheels' normalised error
@@ -17,6 +20,24 @@ squared, by as noisy as they show elsewhere, beyond which one of the two is wron
 with three degrees of freedom. Chosen: of scans 2 to 3 m apart in the corridors of aces, some that fit by
 0.66 to 0.77 were 0.3 to 0.5 m off; beside people in the door of place_fig6, where wheels are a tenth as
 noisy as they say, one that fits by 0.87 was 7 cm off."""
+
+
+_LEAST_NOISE = 0.01
+"""Variance of wheels, as a share of what they are told to have. Chosen: none are as good as their ticks."""
+
+
+def loosen_contradicted(
+    graph: KeyframeGraph, front_end: FrontEnd, steps: Sequence[FrontEndStep]
+) -> None:
+    """Has loops say where the steps of a graph's last session led to scans that fit badly, and where the
+    wheels did not lead. steps: of all scans."""
+    told = front_end.told_steps
+    noise = shown_noise(graph.keyframes, graph.poses, told, least=_LEAST_NOISE)
+    if noise is None:
+        return
+    fits = {step.keyframe: step.inlier_ratio for step in steps if step.is_keyframe}
+    keyframes = loosened(graph.keyframes, told, fits, noise)
+    graph.renew(keyframes, graph.loops, graph.poses)
 
 
 def loosened(

@@ -15,7 +15,7 @@ from slam.se2 import SE2
 
 _STANDING_M = 1e-3
 """Chosen: a scan up to which the wheels told of no more says nothing of their scale."""
-_MEDIAN_NIS, _MEDIAN_AHEAD = 2.37, 0.455
+MEDIAN_NIS, _MEDIAN_AHEAD = 2.37, 0.455
 """Of the normalised innovation squared, and of that along the way (chi2 with three degrees of freedom,
 and with one)."""
 _REMEMBERED = 100
@@ -167,7 +167,7 @@ class WheelScale:
         self._squared.take(squared)
         self._ahead_squared.take(float(ahead_m**2 / variance_m2))
         ahead = self._ahead_squared.median / _MEDIAN_AHEAD
-        self._noise = max(1.0, ahead, self._squared.median / _MEDIAN_NIS)
+        self._noise = max(1.0, ahead, self._squared.median / MEDIAN_NIS)
 
     def _note_delay(self, told_m: float, ahead_m: float) -> None:
         """How far scans went, by what they say ahead, just before the wheels told of any way."""

@@ -21,12 +21,11 @@ from slam.open_runs import EXACTLY, tied
 from slam.pose_graph.solution import PoseGraphSolution
 from slam.se2 import SE2
 from slam.strays import ToldStep
+from slam.wheel_scale import MEDIAN_NIS
 
 _TRUST = 20.0
 """Of the wheels' normalised error squared from before keyframes that leave the way open to after them, up
 to which they are believed in between, as in `FrontEndConfig`."""
-_MEDIAN_NIS = 2.37
-"""Chi2 with three degrees of freedom."""
 _SURE_M = 0.1
 """Standard deviation of steps that show how noisy the wheels are. Chosen."""
 _LEAST = 10
@@ -128,7 +127,7 @@ def shown_noise(
         if place_sigma_m(keyframes[k].covariance) < _SURE_M and not keyframes[k].is_break
         if not told[k - first].is_guess
     ]
-    return max(least, float(np.median(squared)) / _MEDIAN_NIS) if len(squared) >= _LEAST else None
+    return max(least, float(np.median(squared)) / MEDIAN_NIS) if len(squared) >= _LEAST else None
 
 
 def _loose(keyframes: Sequence[Keyframe], first: int) -> Iterator[tuple[int, int]]:

@@ -121,7 +121,6 @@ RANKS = (
         "stray_scans",
         "blind_poses",
         "scan_jumps",
-        "weak_steps",
         "driven_through",
         "icp_mapping",
         "loop_closing",
@@ -143,7 +142,8 @@ RANKS = (
     },
     {"localization", "known_map", "mapping", "map_session", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
-    | {"hanging_pieces", "open_ways", "wheels_borne_out", "scan_places"},
+    | {"hanging_pieces", "open_ways", "wheels_borne_out", "scan_places"}
+    | {"weak_steps"},
 )
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""
