@@ -109,20 +109,22 @@ def surfaces_of(
         stays &= ~is_silent
     least, least_share = config.least_points
     is_seen = (own >= least) | (own >= least_share * met)
-    return surfaces.taken(stays & is_seen & ~_is_of_what_went(surfaces, stays))
+    return surfaces.taken(stays & is_seen & ~_is_of_what_went(surfaces, stays, is_seen))
 
 
-def _is_of_what_went(surfaces: Surfaces, stays: BoolArray) -> BoolArray:
+def _is_of_what_went(surfaces: Surfaces, stays: BoolArray, is_seen: BoolArray) -> BoolArray:
     """(S,) whether most of the looks that met surfaces around one met such as went: of somebody who
     stood there all can be seen through once he is gone, but not each piece of his legs is looked at
-    again."""
+    again. Of what was hardly seen, is_seen (S,), none counts: light mixed behind a leg that stands is
+    no reason to let the leg go."""
     count = len(surfaces)
     if count == 0:
         return np.zeros(0, dtype=np.bool_)
     tree = cKDTree(surfaces.segments.mean(axis=1))
     pairs = tree.query_pairs(_BODY_M, output_type="ndarray")
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
-    met, left = surfaces.met, surfaces.met * stays
+    met = surfaces.met * is_seen
+    left = met * stays
     all_met = met + np.bincount(one, met[other], count)
     return np.asarray(left + np.bincount(one, left[other], count) < 0.5 * all_met)
 

@@ -245,8 +245,21 @@ def test_who_was_seen_through_goes_as_a_whole():
     # of a leg of a chair most looks meet its front; what hardly any met tells nothing of it
     met = np.array([40, 40, 50, 90, 20, 20])
     seen = Surfaces(segments, np.full(6, 0.01), met, np.zeros(6, dtype=np.int64))
-    assert _is_of_what_went(seen, stays).tolist() == [True] * 3 + [False] * 3
-    assert _is_of_what_went(surfaces_of([]), np.zeros(0, dtype=bool)).tolist() == []
+    every = np.ones(6, dtype=bool)
+    assert _is_of_what_went(seen, stays, every).tolist() == [True] * 3 + [False] * 3
+    none = np.zeros(0, dtype=bool)
+    assert _is_of_what_went(surfaces_of([]), none, none).tolist() == []
+
+
+def test_light_mixed_behind_a_leg_does_not_take_the_leg_along():
+    # a leg of experiment 3, and two places behind it that beams were mixed to once or twice, but
+    # which hundreds of looks were counted to have met
+    segments = np.array([[[0.0, y], [0.03, y]] for y in (0.0, 0.08, 0.10)])
+    met = np.array([245, 154, 119])
+    seen = Surfaces(segments, np.full(3, 0.01), met, np.zeros(3, dtype=np.int64))
+    stays = np.array([True, False, False])
+    assert not _is_of_what_went(seen, stays, stays)[0]
+    assert _is_of_what_went(seen, stays, np.ones(3, dtype=bool))[0]
 
 
 @pytest.mark.parametrize(
