@@ -46,15 +46,12 @@ def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
     Raises ValueError for a folder of trials, or of other results, for a file, or if another command is
     at work there; OSError, naming the folder, where nothing can be written.
     """
-    checked_beside_runs(folder)
-    if (folder / "summary.json").exists():
-        there = _experiment_of(folder)
-        if there not in experiments:
-            what = "a summary.json that is none of ours" if there is None else f"results of {there}"
-            raise ValueError(f"--out {folder} holds {what}: give another folder")
+    _check_results(folder, experiments)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     with locked(folder):
         try:
+            # once more: another command may have ended there before this one had the lock
+            _check_results(folder, experiments)
             _remove_unfinished(folder)
             yield
         finally:  # still locked: else another command may be at work there by now
@@ -62,6 +59,15 @@ def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
                 if not path.is_dir() or any(path.iterdir()):
                     break
                 path.rmdir()
+
+
+def _check_results(folder: Path, experiments: tuple[str, ...]) -> None:
+    checked_beside_runs(folder)
+    if (folder / "summary.json").exists():
+        there = _experiment_of(folder)
+        if there not in experiments:
+            what = "a summary.json that is none of ours" if there is None else f"results of {there}"
+            raise ValueError(f"--out {folder} holds {what}: give another folder")
 
 
 @contextmanager
@@ -81,16 +87,22 @@ def results_together(folder: Path, *, outdated: tuple[str, ...] = ()) -> Iterato
         written = sorted(
             unfinished.iterdir(), key=lambda path: (path.name == "summary.json", path.name)
         )
-        for path in written:
-            if (folder / path.name).is_dir():
-                said = "a folder where a file is to be written"
-                raise IsADirectoryError(errno.EISDIR, said, str(folder / path.name))
-        for name in {"summary.json", *outdated} - {path.name for path in written[:-1]}:
+        gone = sorted({*outdated} - {path.name for path in written} - {"summary.json"})
+        for name in (*(path.name for path in written), *gone):
+            check_is_no_folder(folder / name)
+        for name in ("summary.json", *gone):
             (folder / name).unlink(missing_ok=True)
         for path in written:
             path.replace(folder / path.name)
     finally:
         _remove_unfinished(folder)
+
+
+def check_is_no_folder(path: Path) -> None:
+    """Raises OSError for a folder in the place of a file of results."""
+    if path.is_dir():
+        said = "a folder where a file is to be written"
+        raise IsADirectoryError(errno.EISDIR, said, str(path))
 
 
 def _remove_unfinished(folder: Path) -> None:
@@ -141,16 +153,12 @@ def _check_writable(folder: Path, named: Path) -> None:
         raise OSError(error.errno, said, str(named)) from None
 
 
-def remove_leftovers(
-    folder: Path, experiment: str, files_of: Mapping[str, tuple[str, ...]]
-) -> None:
-    """Removes what another experiment wrote into a folder and this one would leave as it is.
+def files_before(folder: Path, files_of: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Names of the files that the experiment whose results are in a folder wrote there.
 
-    files_of: beside summary.json, which tells whose they are; of others nothing is touched.
+    files_of: beside summary.json, which tells whose they are; of others there are none.
     """
-    before = _experiment_of(folder)
-    for name in set(files_of.get(before or "", ())) - set(files_of[experiment]):
-        (folder / name).unlink(missing_ok=True)
+    return files_of.get(_experiment_of(folder) or "", ())
 
 
 def _experiment_of(folder: Path) -> str | None:

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 
 from experiments.known_maps import LogConfig, points_of_scans
-from experiments.outputs import remove_leftovers
-from experiments.protocols import DEFAULT_METHOD, REAL_LOG_FILES
+from experiments.protocols import DEFAULT_METHOD
 from experiments.trial_log import write_atomically
 from slam.arrays import BoolArray, FloatArray
 from slam.icp import CoarseToFineConfig
@@ -191,12 +190,12 @@ def join(measurements: Iterable[Measurement]) -> Measurement:
 
 
 def write_results(result: RealLogResult, folder: Path) -> None:
-    """Writes summary.json and trajectory.tum. Raises OSError when the folder cannot be written."""
-    summary = result.summary()
+    """Writes summary.json and trajectory.tum into a folder that has none of them, or where they are
+    written over: see `results_together`. Raises OSError when the folder cannot be written.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(folder, summary["experiment"], REAL_LOG_FILES)
     write_tum(folder / "trajectory.tum", result.trajectory())
-    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
 
 
 def table(summary: dict[str, Any]) -> str:

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 from experiments.known_maps import map_of_scans
-from experiments.outputs import remove_leftovers
-from experiments.protocols import PROTOCOLS, REAL_LOG_FILES
+from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
 from slam.hypotheses_config import HypothesesConfig
@@ -253,13 +252,13 @@ def _asked(
 
 
 def write_results(result: Relocalized, folder: Path) -> None:
-    """Writes summary.json, and asked.jsonl, a line for each scan. Raises OSError if it cannot."""
-    summary = result.summary()
+    """Writes summary.json, and asked.jsonl, a line for each scan, into a folder that has none of them,
+    or where they are written over: see `results_together`. Raises OSError if it cannot.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(folder, summary["experiment"], REAL_LOG_FILES)
     lines = "".join(json.dumps(one.record()) + "\n" for one in result.asked)
     write_atomically(folder / "asked.jsonl", lines)
-    write_atomically(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    write_atomically(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n")
 
 
 def table(summary: dict[str, Any]) -> str:

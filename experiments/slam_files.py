@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import TextIO
 
 import numpy as np
 
+from experiments.outputs import check_is_no_folder
 from experiments.slam_result import SlamLog
 from experiments.trial_log import write_atomically
 from slam.map_files import write_map
@@ -29,9 +31,10 @@ class OnlinePoses:
     there to be read (`tail -f`) before the next scan is looked at.
 
     Of a log that is mapped more than once, the first time; another pass has online-2.tum and so on
-    while it lasts, and `keep` leaves that of the map that is used. Results that were finished before
-    stay as they are until there are others: their online.tum is laid aside, and comes back if nothing
-    is kept. Raises OSError if it cannot write.
+    until the end, and `keep` hands on that of the map that is used. Results that were finished before
+    stay as they are until there are others: their online.tum is laid aside, an empty file if they had
+    none, and comes back unless it was removed with all that is `outdated`. Raises OSError if it cannot
+    write, for a folder in the place of a file as well.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -40,12 +43,23 @@ class OnlinePoses:
         self._aside = folder / ".online.tum"
 
     def __enter__(self) -> OnlinePoses:
+        for path in (self._path(0), self._aside, *self._later_passes()):
+            check_is_no_folder(path)
         self._bring_back()  # of a command that was killed
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._close()
-        self._bring_back()
+        try:
+            self._close()  # what a full disk did not take is written once more
+        finally:
+            if self._passes > 0:
+                self._remove_later_passes()
+            self._bring_back()
+
+    @property
+    def outdated(self) -> tuple[str, ...]:
+        """Names of what goes as soon as there are results: see `results_together`."""
+        return tuple(path.name for path in (self._aside, *self._later_passes()))
 
     def add(self, index: int, step: MapperStep) -> None:
         """One more scan is placed; index 0 begins anew."""
@@ -61,29 +75,37 @@ class OnlinePoses:
         self._file.write(tum_lines(pose)[0] + "\n")
         self._file.flush()
 
-    def keep(self, used_pass: int) -> None:
-        """Leaves the poses of one pass, from 0, as online.tum, and no others."""
+    def keep(self, used_pass: int, unfinished: Path) -> None:
+        """Puts the poses of one pass, from 0, among the results that are not finished, as online.tum."""
         self._close()
-        self._aside.unlink(missing_ok=True)
-        for number in range(self._passes):
-            path = self._path(number)
-            if number == used_pass:
-                path.replace(self._path(0))
-            elif number > 0:
-                path.unlink()
+        shutil.copyfile(self._path(used_pass), unfinished / "online.tum")
 
     def _lay_aside(self) -> None:
         """What is left of results that are finished; of those that are not, it goes."""
-        for path in self._folder.glob("online-[0-9]*.tum"):
-            path.unlink()
-        if (self._folder / "summary.json").exists() and self._path(0).exists():
+        self._remove_later_passes()
+        if not (self._folder / "summary.json").exists():
+            return
+        if self._path(0).exists():
             self._path(0).replace(self._aside)
+        else:
+            self._aside.touch()
 
     def _bring_back(self) -> None:
-        if self._aside.exists():
+        if not self._aside.exists():
+            return
+        self._remove_later_passes()
+        if self._aside.stat().st_size > 0:
             self._aside.replace(self._path(0))
-            for path in self._folder.glob("online-[0-9]*.tum"):
-                path.unlink()
+        else:
+            self._path(0).unlink(missing_ok=True)
+            self._aside.unlink()
+
+    def _later_passes(self) -> list[Path]:
+        return sorted(self._folder.glob("online-[0-9]*.tum"))
+
+    def _remove_later_passes(self) -> None:
+        for path in self._later_passes():
+            path.unlink()
 
     def _close(self) -> None:
         if self._file is not None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
+import select
+import stat
 import sys
 from typing import Any, TextIO
 
@@ -17,13 +20,21 @@ class _UntilNobodyReads(io.FileIO):
         self._is_told_all = is_told_all
 
     def write(self, content: Any, /) -> int:
-        """As of a file."""
+        """As of a file; of a pipe that does not block, and is full, once it is not."""
         try:
-            return super().write(content) or 0
+            while (written := super().write(content)) is None:
+                select.select([], [self], [])
+            return written
         except OSError as error:
-            if self._is_told_all and not isinstance(error, BrokenPipeError):
+            if self._is_told_all and not self._is_left(error):
                 raise
             return len(content)
+
+    def _is_left(self, error: OSError) -> bool:
+        """Whether it is of a pipe whose reader went away, or of a terminal that did."""
+        if error.errno == errno.EIO:  # of a file it is the disk's
+            return stat.S_ISCHR(os.fstat(self.fileno()).st_mode)
+        return isinstance(error, BrokenPipeError)
 
 
 def outlive_readers() -> None:

@@ -17,7 +17,7 @@ from experiments.commands.options import (
     ScanTopic,
     Seed,
 )
-from experiments.outputs import results_of_one, results_together
+from experiments.outputs import files_before, results_of_one, results_together
 from experiments.protocols import DEFAULT_METHOD, REAL_LOG_FILES
 
 if TYPE_CHECKING:
@@ -69,8 +69,9 @@ def _tracked(log: Path, reference: Path, out: Path, method: str) -> bool:
     config = real_logs.RealLogConfig(method=method)
     with ScanProgress(log.name) as progress:
         result = real_logs.run(log, reference, config, progress.update)
-    real_logs.write_results(result, out)
-    real_log_picture(out, result)
+    with results_together(out, outdated=files_before(out, REAL_LOG_FILES)) as unfinished:
+        real_logs.write_results(result, unfinished)
+        real_log_picture(unfinished, result)
     summary = result.summary()
     print(real_logs.table(summary))
     print(f"results and figures: {out}")
@@ -90,7 +91,8 @@ def _relocalized(
         result = real_relocalization.run(
             log, reference, protocol, config, jumps, seed, progress.update
         )
-    real_relocalization.write_results(result, out)
+    with results_together(out, outdated=files_before(out, REAL_LOG_FILES)) as unfinished:
+        real_relocalization.write_results(result, unfinished)
     summary = result.summary()
     print(real_relocalization.table(summary))
     print(f"results: {out}")
@@ -207,12 +209,8 @@ def slam(
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
-    with results_of_one(out, "slam"):
-        with (
-            shown(rerun, log.name) as stream,
-            SlamProgress(log.name) as progress,
-            slam_files.OnlinePoses(out) as online,
-        ):
+    with results_of_one(out, "slam"), slam_files.OnlinePoses(out) as online:
+        with shown(rerun, log.name) as stream, SlamProgress(log.name) as progress:
             observer = NO_ONE if stream is None else RerunLog(stream)
 
             def on_scan(index: int, scans: int, step: "MapperStep") -> None:
@@ -222,10 +220,11 @@ def slam(
             result = slam_log.run(
                 log, reference, relations, on_scan, known_map, T_start, choice, observer
             )
-            online.keep(result.used_pass)
             if stream is not None:
                 show_map(stream, result, reference)
-        with results_together(out, outdated=slam_files.SOMETIMES) as unfinished:
+        outdated = (*slam_files.SOMETIMES, *online.outdated)
+        with results_together(out, outdated=outdated) as unfinished:
+            online.keep(result.used_pass, unfinished)
             unwritten = slam_files.write_results(result, unfinished)
             slam_map_picture(unfinished, result)
     summary = result.summary()

@@ -5,18 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from experiments.slam_files import OnlinePoses
 from experiments.slam_log import default_mapped
 from experiments.slam_passes import best_mapped, mapped_once
 from experiments.slam_result import SlamLog, table
-from slam.keyframes import StepStatus
 from slam.mapper_config import MapperConfig
-from slam.mapping import MapperStep
 from slam.readers.log import Log
 from slam.readers.recognition import read_log
-from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.trajectory import read_tum
 
 LOG = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
 
@@ -122,18 +117,3 @@ def test_drive_is_mapped_with_odometry_as_a_guess(log, mapped):
     assert len(guessed.trajectory) == len(mapped.trajectory)
     off_m = guessed.trajectory.poses[:, :2] - mapped.trajectory.poses[:, :2]
     assert abs(off_m).max() < 0.05
-
-
-@pytest.mark.parametrize(("used", "kept"), [(0, "0.0"), (1, "1.0")])
-def test_online_poses_are_those_of_the_map_that_is_used(tmp_path, used, kept):
-    (tmp_path / "online-3.tum").write_text("of a command that was killed")
-    (tmp_path / "online-monday.tum").write_text("somebody's")
-    with OnlinePoses(tmp_path) as online:
-        for number in range(2):
-            step = MapperStep(5.0, SE2(float(number), 0.0, 0.0), StepStatus.MATCHED, 1.0, 0)
-            online.add(0, step)
-            online.add(1, step)
-        assert read_tum(tmp_path / "online.tum").poses[0, 0] == 0.0
-        online.keep(used)
-    assert {path.name for path in tmp_path.iterdir()} == {"online.tum", "online-monday.tum"}
-    assert str(read_tum(tmp_path / "online.tum").poses[0, 0]) == kept

@@ -1,6 +1,8 @@
 """A folder that cannot be written is refused before anything is worked out for it."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -103,6 +105,31 @@ def test_folder_in_which_a_command_is_at_work_is_refused(tmp_path, capsys, comma
     assert said == f"another run is at work in {tmp_path}: wait for its end"
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "what"),
+    [
+        ("summary.json", '{"experiment": "localize"}', "results of localize"),
+        ("trials.jsonl", "{}\n", "the trials of a run"),
+    ],
+)
+def test_results_that_another_command_left_before_the_folder_was_locked_are_kept(
+    tmp_path, monkeypatch, name, text, what
+):
+    folder = tmp_path / "out"
+
+    @contextmanager
+    def locked_late(path: Path) -> Iterator[None]:
+        path.mkdir()
+        (path / name).write_text(text)
+        with locked(path):
+            yield
+
+    monkeypatch.setattr("experiments.outputs.locked", locked_late)
+    with pytest.raises(ValueError, match=what), results_of_one(folder, "slam"):
+        pytest.fail("worked there")
+    assert (folder / name).read_text() == text
+
+
 def test_results_take_the_place_of_those_before_all_at_once(tmp_path):
     for name in ("summary.json", "map.yaml", "sessions.tum", "of-others"):
         (tmp_path / name).write_text("old")
@@ -158,6 +185,25 @@ def test_results_of_something_else_are_not_written_over(tmp_path, capsys, there,
     assert (tmp_path / "summary.json").read_text() == there
 
 
+def test_summary_is_the_first_that_goes_and_what_is_outdated_follows_in_order(
+    tmp_path, monkeypatch
+):
+    outdated, gone, unlink = ("zones", "map.yaml", "asked.jsonl", "x", "map.pgm"), [], Path.unlink
+
+    def followed(path, missing_ok=False):
+        if path.name in outdated or path.name == "summary.json":
+            gone.append(path.name)
+        unlink(path, missing_ok)
+
+    for name in (*outdated, "summary.json"):
+        (tmp_path / name).write_text("old")
+    monkeypatch.setattr(Path, "unlink", followed)
+    with results_together(tmp_path, outdated=outdated) as unfinished:
+        (unfinished / "summary.json").write_text("new")
+    assert gone == ["summary.json", "asked.jsonl", "map.pgm", "map.yaml", "x", "zones"]
+    assert [path.name for path in tmp_path.iterdir()] == ["summary.json"]
+
+
 @pytest.mark.parametrize("kind", ["folder", "file", "dangling"])
 def test_what_a_killed_command_left_is_taken_away_with_the_next(tmp_path, kind):
     left = tmp_path / ".kitasap-unfinished"
@@ -170,6 +216,16 @@ def test_what_a_killed_command_left_is_taken_away_with_the_next(tmp_path, kind):
         left.symlink_to("nowhere")
     with results_of_one(tmp_path):
         assert not list(tmp_path.iterdir())
+
+
+def test_folder_behind_a_link_that_a_killed_command_left_is_not_emptied(tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis").touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".kitasap-unfinished").symlink_to(tmp_path / "mine")
+    with results_of_one(tmp_path / "out"):
+        assert not list((tmp_path / "out").iterdir())
+    assert (tmp_path / "mine" / "thesis").exists()
 
 
 def test_results_that_were_not_finished_are_not_those_of_the_next(tmp_path):
@@ -192,6 +248,21 @@ def test_folder_in_the_place_of_a_file_leaves_the_results_before(tmp_path):
     with pytest.raises(IsADirectoryError, match=r"slam\.png"):
         written()
     assert (tmp_path / "map.pgm").read_text() == "old"
+
+
+def test_folder_in_the_place_of_an_outdated_file_leaves_the_results_before(tmp_path):
+    (tmp_path / "map.yaml").mkdir()
+    for name in ("a", "summary.json", "z"):
+        (tmp_path / name).write_text("old")
+
+    def written() -> None:
+        with results_together(tmp_path, outdated=("z", "map.yaml", "a")) as unfinished:
+            (unfinished / "summary.json").write_text("new")
+
+    with pytest.raises(IsADirectoryError, match=r"map\.yaml"):
+        written()
+    assert {path.name for path in tmp_path.iterdir()} == {"a", "map.yaml", "summary.json", "z"}
+    assert (tmp_path / "summary.json").read_text() == "old"
 
 
 def test_folder_is_locked_until_one_that_was_made_in_vain_is_gone(tmp_path, monkeypatch):

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,13 +13,37 @@ from experiments.real_logs import main, run, table
 from slam.readers.carmen import read_carmen
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
-from slam.trajectory import read_tum
+from slam.trajectory import Trajectory, read_tum
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
 DATA = Path(__file__).parents[1] / "data"
 EXCERPT = [str(DATA / "fr101-excerpt.clf.gz"), "--reference"]
 REFERENCE = str(DATA / "fr101-excerpt.reference.tum")
+FILES = {
+    "tracked": {"summary.json", "trajectory.tum", "localization.png"},
+    "each": {"summary.json", "asked.jsonl"},
+}
+
+
+@pytest.fixture
+def without_work(monkeypatch) -> None:
+    """`kitasap real-log` writes results of nothing, at once."""
+    summary = {"tracked": 0, "scans": 0, "sure_elsewhere": 0}
+    tracked = SimpleNamespace(
+        summary=lambda: {"experiment": "real_logs", **summary},
+        trajectory=lambda: Trajectory(np.zeros(1), np.zeros((1, 3))),
+    )
+    each = SimpleNamespace(
+        summary=lambda: {"experiment": "real_relocalization_each", **summary}, asked=()
+    )
+    for module, result in (("real_logs", tracked), ("real_relocalization", each)):
+        monkeypatch.setattr(f"experiments.{module}.run", lambda *_, result=result: result)
+        monkeypatch.setattr(f"experiments.{module}.table", lambda _: "")
+    monkeypatch.setattr(
+        "experiments.figures.real_log_picture",
+        lambda folder, _: (folder / "localization.png").touch(),
+    )
 
 
 @pytest.mark.slow
@@ -79,6 +104,56 @@ def test_files_of_another_protocol_do_not_stay_and_those_of_others_do(tmp_path):
         assert main([*EXCERPT, REFERENCE, *options]) in (0, 1)
         names = {path.name for path in tmp_path.iterdir()}
         assert names == {"notes.txt", "summary.json"} | files
+
+
+@pytest.mark.usefixtures("without_work")
+def test_results_of_one_protocol_take_the_place_of_another_s(tmp_path):
+    (tmp_path / "notes.txt").touch()
+    for protocol in ("tracked", "each", "tracked"):
+        assert main([*EXCERPT, REFERENCE, "--protocol", protocol, "--out", str(tmp_path)]) == 0
+        assert {path.name for path in tmp_path.iterdir()} == {"notes.txt"} | FILES[protocol]
+
+
+@pytest.mark.usefixtures("without_work")
+@pytest.mark.parametrize(
+    ("protocol", "fails"),
+    [
+        ("tracked", "experiments.real_logs.write_atomically"),
+        ("tracked", "experiments.figures.real_log_picture"),
+        ("each", "experiments.real_relocalization.write_atomically"),
+    ],
+)
+def test_results_before_stay_until_all_of_the_next_are_written(
+    tmp_path, capsys, monkeypatch, protocol, fails
+):
+    def full(path, *_):
+        if path.name != "asked.jsonl":
+            raise OSError("full")
+        path.touch()
+
+    before = dict.fromkeys(FILES["tracked"] | FILES["each"], "old")
+    before |= {"summary.json": '{"experiment": "real_logs"}'}
+    for name, text in before.items():
+        (tmp_path / name).write_text(text)
+    monkeypatch.setattr(fails, full)
+    asked = ("real-log", *EXCERPT, REFERENCE, "--protocol", protocol, "--out", tmp_path)
+    assert refusal(capsys, *asked) == "full"
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.usefixtures("without_work")
+@pytest.mark.parametrize("protocol", ["tracked", "each"])
+def test_summary_comes_after_all_other_results(tmp_path, monkeypatch, protocol):
+    moved, replace_file = [], Path.replace
+
+    def followed(path, target):
+        if target.parent == tmp_path:
+            moved.append(target.name)
+        return replace_file(path, target)
+
+    monkeypatch.setattr(Path, "replace", followed)
+    assert main([*EXCERPT, REFERENCE, "--protocol", protocol, "--out", str(tmp_path)]) == 0
+    assert moved == [*sorted(FILES[protocol] - {"summary.json"}), "summary.json"]
 
 
 @pytest.mark.slow

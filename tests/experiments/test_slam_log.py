@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 
 from experiments.cli import main
 from experiments.known_maps import map_of_file
-from experiments.slam_files import OnlinePoses
 from experiments.slam_result import few_of, table
 from slam import read_map, read_slam_map, read_tum
 from slam.known_map import USUAL_LASER
@@ -84,56 +83,6 @@ def test_points_are_the_map_s_in_a_file_that_others_read(folder):
     occupied = read_map(folder / "map.yaml").points()
     off_m, _ = cKDTree(occupied).query(points[:, :2])
     assert np.mean(off_m < 0.1) > 0.95
-
-
-def test_each_pose_is_there_to_be_read_when_its_scan_arrived(tmp_path, monkeypatch):
-    seen = []
-
-    def follow(_, index, scans, step):
-        read = read_tum(tmp_path / "online.tum")
-        seen.append((index, len(read), read.poses[-1], step.T_map_base.as_array()))
-
-    monkeypatch.setattr("experiments.progress.SlamProgress.update", follow)
-    monkeypatch.setattr("experiments.figures.slam_map_picture", lambda *_: None)
-    assert main(["slam", str(LOG), "--out", str(tmp_path)]) == 0
-    assert [count for _, count, _, _ in seen] == [index + 1 for index, _, _, _ in seen]
-    for _, _, read, told in seen:
-        np.testing.assert_allclose(read, told, atol=1e-8)
-    # as it was then: loops closed later move the poses of the whole drive
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert len(read_tum(tmp_path / "online.tum")) == summary["scans"]
-
-
-def test_results_that_are_finished_stay_until_there_are_others(tmp_path, monkeypatch, capsys):
-    def killed(*_):
-        if (tmp_path / "summary.json").exists():  # others may follow the poses meanwhile
-            assert len(read_tum(tmp_path / "online.tum")) == 1
-        raise KeyboardInterrupt
-
-    before = {"summary.json": '{"experiment": "slam"}', "online.tum": "poses", "map.kitasap": "map"}
-    for name, text in before.items():
-        (tmp_path / name).write_text(text)
-    assert main(["slam", str(tmp_path / "nowhere.clf"), "--out", str(tmp_path)]) == 2
-    monkeypatch.setattr("experiments.progress.SlamProgress.update", killed)
-    for _ in range(2):
-        with pytest.raises((KeyboardInterrupt, SystemExit)):
-            raise SystemExit(main(["slam", str(LOG), "--out", str(tmp_path)]))
-        assert {path.name: path.read_text() for path in tmp_path.iterdir()} == before
-    # poses that belong to nothing that is finished are of the last that tried
-    (tmp_path / "summary.json").unlink()
-    with pytest.raises((KeyboardInterrupt, SystemExit)):
-        raise SystemExit(main(["slam", str(LOG), "--out", str(tmp_path)]))
-    assert len(read_tum(tmp_path / "online.tum")) == 1
-
-
-def test_poses_that_a_killed_command_laid_aside_come_back(tmp_path):
-    (tmp_path / ".online.tum").write_text("finished")
-    (tmp_path / "online.tum").write_text("not")
-    (tmp_path / "online-2.tum").write_text("not either")
-    with OnlinePoses(tmp_path):
-        pass
-    there = {path.name: path.read_text() for path in tmp_path.iterdir()}
-    assert there == {"online.tum": "finished"}
 
 
 def test_few_reasons_are_told_of_many():
