@@ -86,7 +86,7 @@ def _even_way(T_end: SE2, times_s: Sequence[float]) -> list[ToldStep]:
     motion = SE2.exp(T_end.log() / count)
     way_m = math.hypot(motion.x, motion.y)
     return [
-        ToldStep(motion, coasting_covariance(way_m, max(end_s - start_s, 0.0), _EVEN_RAD**2))
+        ToldStep(motion, coasting_covariance(way_m, end_s - start_s, _EVEN_RAD**2))
         for start_s, end_s in pairwise(times_s)
     ]
 

@@ -30,7 +30,7 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step, without_strays
-from slam.weak_steps import loosen_contradicted
+from slam.weak_steps import WeakSteps
 from slam.wheels_borne_out import believe_where_borne_out
 
 _DOUBTED = np.eye(3)
@@ -67,7 +67,7 @@ class Mapper:
         self._session = MapSession(self._graph, self.config)
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
-        self._told: list[ToldStep] = []
+        self._told, self._weak_steps = list[ToldStep](), WeakSteps()
         self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
@@ -151,7 +151,7 @@ class Mapper:
             own = self._steps[self._session.first_step :]
             believe_where_borne_out(self._graph, self._front_end, own, self._told)
         else:
-            loosen_contradicted(self._graph, self._front_end, self._steps)
+            self._weak_steps.loosen(self._graph, self._front_end, self._steps)
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))

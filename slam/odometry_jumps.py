@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,8 @@ _LITTLE_BACK_M = 0.15
 """Chosen: a robot that has gone back so little, off its dock, has not gone back."""
 _LATE = 2.0
 """Times the last interval, beyond which nobody knows that it went on. Chosen."""
+_BRIEF = 0.5
+"""Of the usual interval; chosen: a stamp that is nearer to the one before tells no speed."""
 _MADE_UP = 0.3
 """Share of a way by which it may differ from the one that the robot would have gone since odometry last
 told of any, to make up for that. Chosen."""
@@ -36,11 +38,19 @@ _MOST_SILENT = 8.0
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """A motion, when it was told [s], and how fast it was."""
+    """A motion, when it was told [s], and how long it took."""
 
     time_s: float
-    speed_mps: float
+    elapsed_s: float
     motion: SE2
+
+    @property
+    def way_m(self) -> float:
+        return math.hypot(self.motion.x, self.motion.y)
+
+    @property
+    def speed_mps(self) -> float:
+        return self.way_m / self.elapsed_s
 
     @property
     def back_m(self) -> float:
@@ -52,12 +62,11 @@ class _Step:
     @property
     def velocity_mps(self) -> tuple[float, float]:
         """Ahead and to the left."""
-        share = self.speed_mps / math.hypot(self.motion.x, self.motion.y)
-        return share * self.motion.x, share * self.motion.y
+        return self.motion.x / self.elapsed_s, self.motion.y / self.elapsed_s
 
     def as_never_before(self, fastest_mps: float, farthest_back_m: float) -> tuple[bool, bool]:
         """Whether it is much faster than a robot drove that went so far, and back for the first time."""
-        is_far = math.hypot(self.motion.x, self.motion.y) > _FAR_M
+        is_far = self.way_m > _FAR_M
         is_back = self.back_m > _FAR_BACK_M and farthest_back_m <= _LITTLE_BACK_M
         return is_far and self.speed_mps > _FASTER * fastest_mps, is_back
 
@@ -81,9 +90,10 @@ class OdometryJumps:
 
     def __init__(self) -> None:
         self._steps: deque[_Step] = deque(maxlen=_STEPS)
+        self._intervals_s: deque[float] = deque(maxlen=_STEPS)
         self._last_s, self._told_s, self._in_a_row = math.inf, math.inf, 0
         self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
-        self._was_back = False
+        self._was_back, self._least_s = False, math.inf
         self._begun: list[_Step] = []
 
     def judged(self, measurement: Measurement, is_blind: bool = False) -> JudgedMotion:
@@ -92,28 +102,26 @@ class OdometryJumps:
         is_blind: the last scan told nothing. Odometry that comes late is told of then by nobody else;
         scans that see have shown already most of what it makes up for.
         """
-        elapsed_s = measurement.time_s - self._last_s
-        late_s, self._last_s = _LATE * self._interval_s, measurement.time_s
-        motion = measurement.motion
-        way_m = math.hypot(motion.x, motion.y)
-        is_timed = elapsed_s > 0.0
-        if not is_timed:  # stamps that stand, or go back: as long as before
-            elapsed_s = self._interval_s
-        self._interval_s = elapsed_s
-        if way_m < _MOVES_M:
+        time_s, motion = measurement.time_s, measurement.motion
+        late_s = _LATE * self._interval_s
+        is_timed = self._take_time(time_s)
+        silent_s = time_s - self._told_s
+        step = _Step(time_s, self._interval_s, motion)
+        if step.way_m < _MOVES_M:
+            if silent_s > _MOST_SILENT * step.elapsed_s:
+                self._velocity_mps = 0.0, 0.0
             return JudgedMotion(measurement)
-        made_up_s = self._made_up_s(measurement, elapsed_s)
+        self._told_s = time_s
         # it may have jumped all the same: where walls look the same, nobody would notice
-        is_late = is_blind and made_up_s > elapsed_s
-        elapsed_s = made_up_s if is_late else elapsed_s
-        step = _Step(measurement.time_s, way_m / elapsed_s, motion)
+        is_late = is_blind and self._makes_up(step, silent_s)
+        step = replace(step, elapsed_s=silent_s) if is_late else step
         is_fast, is_back = self._as_never_before(step)
         # who backs up goes on backwards
-        has_jumped = is_fast or is_late or (self._was_back and motion.x > 0.0)
+        has_jumped = is_fast or is_late or (self._was_back and step.back_m < 0.0)
         self._was_back = is_back and not is_fast
         if is_fast or is_back:
             self._in_a_row += 1
-            x, y = (min(elapsed_s, late_s) * one for one in self._velocity_mps)
+            x, y = (min(step.elapsed_s, late_s) * one for one in self._velocity_mps)
             usual = SE2(x, y, motion.theta)
             apart_m = math.hypot(motion.x - x, motion.y - y)
             doubt = np.diag(np.square([apart_m, apart_m, _TURN_RAD]))
@@ -122,35 +130,48 @@ class OdometryJumps:
             measurement = replace(measurement, motion=believed, motion_covariance=covariance)
             return JudgedMotion(measurement, other, has_jumped)
         self._in_a_row = 0
-        if not is_timed:
-            return JudgedMotion(measurement, has_jumped=has_jumped)
-        self._velocity_mps = motion.x / elapsed_s, motion.y / elapsed_s
+        if is_timed:
+            self._remember(step)
+        return JudgedMotion(measurement, has_jumped=has_jumped)
+
+    def _take_time(self, time_s: float) -> bool:
+        """Whether a record's stamp tells how long after the one before it came; of one that stands, goes
+        back, or comes with that, it is as long as before."""
+        elapsed_s, self._last_s = time_s - self._last_s, time_s
+        if elapsed_s <= 0.0:
+            return False
+        self._intervals_s.append(elapsed_s)
+        self._least_s = _least_s(self._intervals_s)
+        is_timed = elapsed_s >= self._least_s
+        if is_timed:
+            self._interval_s = elapsed_s
+        return is_timed
+
+    def _makes_up(self, step: _Step, silent_s: float) -> bool:
+        """Whether odometry that has told of none for so long tells late of the way driven meanwhile."""
+        is_late = step.elapsed_s < silent_s <= _MOST_SILENT * step.elapsed_s
+        if not is_late or len(self._steps) < _LEAST:
+            return False
+        # steps of a hiccup are short and long by turns
+        steps = list(self._steps)[-_LEAST:]
+        x, y = silent_s * np.median([one.velocity_mps for one in steps], axis=0)
+        off_m = math.hypot(step.motion.x - x, step.motion.y - y)
+        return off_m < _MADE_UP * step.way_m
+
+    def _remember(self, step: _Step) -> None:
+        """How the robot drives."""
+        self._velocity_mps = step.velocity_mps
         self._steps.append(step)
         if len(self._begun) < 2 * _LEAST:
             self._begun.append(step)
-        return JudgedMotion(measurement, has_jumped=has_jumped)
-
-    def _made_up_s(self, measurement: Measurement, elapsed_s: float) -> float:
-        """In which time a motion was driven: that since the last one, or since before odometry that is
-        late told of none, if it makes up for that."""
-        silent_s, self._told_s = measurement.time_s - self._told_s, measurement.time_s
-        is_late = elapsed_s < silent_s <= _MOST_SILENT * elapsed_s
-        if not is_late or len(self._steps) < _LEAST:
-            return elapsed_s
-        # steps of a hiccup are short and long by turns
-        steps, motion = list(self._steps)[-_LEAST:], measurement.motion
-        x, y = silent_s * np.median([one.velocity_mps for one in steps], axis=0)
-        off_m, way_m = (
-            math.hypot(*one) for one in ((motion.x - x, motion.y - y), (motion.x, motion.y))
-        )
-        return silent_s if off_m < _MADE_UP * way_m else elapsed_s
 
     @property
     def begun_with_s(self) -> float | None:
         """When one of the first steps was a jump [s], by how the robot drove after it: that was believed,
         since nobody knew yet; None if none was."""
-        for at, step in enumerate(self._begun[:_LEAST]):
-            others = self._begun[:at] + self._begun[at + 1 :]
+        begun = _timed(self._begun, _least_s([one.elapsed_s for one in self._begun]))
+        for at, step in enumerate(begun[:_LEAST]):
+            others = begun[:at] + begun[at + 1 :]
             if len(others) < _LEAST:
                 return None
             if any(step.as_never_before(*_most_of(others))):
@@ -160,9 +181,25 @@ class OdometryJumps:
     def _as_never_before(self, step: _Step) -> tuple[bool, bool]:
         """Whether a step is much faster than those remembered, and back for the first time; one of these
         may have been a jump that nobody noticed."""
-        if len(self._steps) < _LEAST or self._in_a_row >= _AGAIN - 1:
+        steps = _timed(self._steps, self._least_s)
+        if len(steps) < _LEAST or self._in_a_row >= _AGAIN - 1:
             return False, False
-        return step.as_never_before(*_most_of(self._steps, left_out=1))
+        return step.as_never_before(*_most_of(steps, left_out=1))
+
+
+def _least_s(intervals_s: Collection[float]) -> float:
+    """Between two records whose stamps tell a speed [s], of those that come evenly or some at once; inf
+    where no interval is known."""
+    count = min(len(intervals_s), _LEAST)
+    if count == 0:
+        return math.inf
+    means_s = np.convolve(np.array(intervals_s), np.full(count, 1.0 / count), "valid")
+    return _BRIEF * float(np.median(means_s))
+
+
+def _timed(steps: Iterable[_Step], least_s: float) -> list[_Step]:
+    """Steps but those that took less: how long one usually takes is not known at the first."""
+    return [one for one in steps if one.elapsed_s >= least_s]
 
 
 def _most_of(steps: Iterable[_Step], left_out: int = 0) -> tuple[float, float]:

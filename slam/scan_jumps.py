@@ -34,24 +34,24 @@ def scan_jumps(
     """In words, that scans jumped that nothing but scans placed.
 
     first_step: with which the last session begins; told: what was measured of the motion to each of its
-    scans. poses: (K, 3) of the keyframes [m, rad]. Scans that broke off, and what is beside them, are
-    another matter: see `slam.pieces`.
+    scans. poses: (K, 3) of the keyframes [m, rad]. Scans that broke off are another matter: see
+    `slam.pieces`.
     """
     own = steps[first_step:]
-    if len(own) < 4:
+    if len(own) < _LEAST:
         return []
     velocities_mps, intervals_s = _driven(own, poses)
     speeds_mps = np.hypot(*velocities_mps.T)
-    moving_mps = speeds_mps[speeds_mps > _MOVES_MPS]
-    if len(moving_mps) < _LEAST:
+    apart_m = _apart_mps(velocities_mps, _is_placed_by_scans(own, told)) * intervals_s
+    # what jumped says nothing of how fast the robot drives
+    usual_mps = speeds_mps[(speeds_mps > _MOVES_MPS) & (apart_m <= _APART_M)]
+    if len(usual_mps) < _LEAST:
         return []
-    beside_mps = (velocities_mps[:-2] + velocities_mps[2:]) / 2.0
-    apart_m = np.hypot(*(velocities_mps[1:-1] - beside_mps).T) * intervals_s[1:-1]
-    is_fast = speeds_mps[1:-1] > _FASTER * np.quantile(moving_mps, _USUAL)
-    has_jumped = _is_placed_by_scans(own, told) & is_fast & (apart_m > _APART_M)
+    is_fast = speeds_mps > _FASTER * np.quantile(usual_mps, _USUAL)
+    has_jumped = is_fast & (apart_m > _APART_M)
     if not has_jumped.any():
         return []
-    worst = int(np.argmax(np.where(has_jumped, apart_m, 0.0))) + 1
+    worst = int(np.argmax(np.where(has_jumped, apart_m, 0.0)))
     return [
         f"at {own[worst + 1].time_s:.2f} s the robot would have gone"
         f" {speeds_mps[worst] * intervals_s[worst]:.1f} m in {intervals_s[worst]:.2f} s, by scans"
@@ -70,12 +70,21 @@ def _driven(steps: Sequence[FrontEndStep], poses: FloatArray) -> tuple[FloatArra
 
 
 def _is_placed_by_scans(steps: Sequence[FrontEndStep], told: Sequence[ToldStep]) -> BoolArray:
-    """(N - 3,) of each way from one of N scans to the next, but for the first and the last: whether its
-    scans and those beside it were matched, and nothing measured these three ways."""
-    count = len(steps) - 3
+    """(N - 1,) of each way from one of N scans to the next, whether both were matched, and nothing else
+    measured it."""
     is_seen = np.array([one.status in (StepStatus.MATCHED, StepStatus.SEARCHED) for one in steps])
     is_guess = np.array([one.is_guess for one in told])
-    asked = [is_seen[at : at + count] for at in range(4)]
-    asked += [is_guess[at : at + count] for at in range(1, 4)]
-    result: BoolArray = np.all(asked, axis=0)
+    result: BoolArray = is_seen[:-1] & is_seen[1:] & is_guess[1:]
+    return result
+
+
+def _apart_mps(velocities_mps: FloatArray, is_placed: BoolArray) -> FloatArray:
+    """(N,) how far each velocity (N, 2) is from the mean of those beside it [m/s], or of the one that scans
+    placed; nan where these placed neither, or not itself."""
+    beside = np.full((2, *velocities_mps.shape), np.nan)
+    beside[0, 1:] = np.where(is_placed[:-1, np.newaxis], velocities_mps[:-1], np.nan)
+    beside[1, :-1] = np.where(is_placed[1:, np.newaxis], velocities_mps[1:], np.nan)
+    count = np.isfinite(beside).sum(axis=0)
+    mean_mps = np.nansum(beside, axis=0) / np.where(count > 0, count, np.nan)
+    result: FloatArray = np.where(is_placed, np.hypot(*(velocities_mps - mean_mps).T), np.nan)
     return result

@@ -135,7 +135,8 @@ def may_have_strayed(
     """Whether a keyframe, or one of those about it that are looked at with it, lies aside of the way
     between those before and after it, or of two that do so together. told: see `without_strays`."""
     config, first = config or StrayConfig(), len(keyframes) - len(told)
-    about = range(max(index - config.half, first + 1), min(index + config.half + 1, len(keyframes)))
+    start = index - config.half - max(config.runs) + 1
+    about = range(max(start, first + 1), min(index + config.half + 1, len(keyframes)))
     ways = (
         (k, _way(keyframes, poses, k, (k - 1, k + run), told[k - first]))
         for k in about

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.arrays import FloatArray
 from slam.front_end import FrontEnd
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframe_graph import KeyframeGraph
@@ -26,18 +27,38 @@ _LEAST_NOISE = 0.01
 """Variance of wheels, as a share of what they are told to have. Chosen: none are as good as their ticks."""
 
 
-def loosen_contradicted(
-    graph: KeyframeGraph, front_end: FrontEnd, steps: Sequence[FrontEndStep]
-) -> None:
-    """Has loops say where the steps of a graph's last session led to scans that fit badly, and where the
-    wheels did not lead. steps: of all scans."""
-    told = front_end.told_steps
-    noise = shown_noise(graph.keyframes, graph.poses, told, least=_LEAST_NOISE)
-    if noise is None:
-        return
-    fits = {step.keyframe: step.inlier_ratio for step in steps if step.is_keyframe}
-    keyframes = loosened(graph.keyframes, told, fits, noise)
-    graph.renew(keyframes, graph.loops, graph.poses)
+class WeakSteps:
+    """Steps that are less sure than the front end said, as found last; whoever asks again begins with
+    what it said."""
+
+    def __init__(self) -> None:
+        self._said = dict[int, tuple[FloatArray, FloatArray]]()
+
+    def loosen(
+        self, graph: KeyframeGraph, front_end: FrontEnd, steps: Sequence[FrontEndStep]
+    ) -> None:
+        """Has loops say where the steps of a graph's last session led to scans that fit badly, and where
+        the wheels did not lead. steps: of all scans."""
+        told, before = front_end.told_steps, self._tightened(graph.keyframes)
+        noise = shown_noise(before, graph.poses, told, least=_LEAST_NOISE)
+        if noise is None:
+            return
+        fits = {step.keyframe: step.inlier_ratio for step in steps if step.is_keyframe}
+        keyframes = loosened(before, told, fits, noise)
+        self._said = {
+            k: (one.covariance, other.covariance)
+            for k, (one, other) in enumerate(zip(keyframes, before, strict=True))
+            if one is not other
+        }
+        graph.renew(keyframes, graph.loops, graph.poses)
+
+    def _tightened(self, keyframes: Sequence[Keyframe]) -> list[Keyframe]:
+        """Keyframes as sure as they were, but those of which something else is known by now."""
+        found = list(keyframes)
+        for k, (loose, said) in self._said.items():
+            if found[k].covariance is loose:
+                found[k] = replace(found[k], covariance=said)
+        return found
 
 
 def loosened(

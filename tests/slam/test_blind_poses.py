@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam import SE2
-from slam.blind_poses import unknown_blind_poses
+from slam.blind_poses import _known, unknown_blind_poses
 from slam.keyframes import FrontEndStep, StepStatus
 from slam.strays import ToldStep
 
@@ -95,6 +95,16 @@ def test_a_step_that_nobody_measured_says_nothing_of_the_others(at):
     assert said_of(told, noise=0.01) == []
 
 
+@pytest.mark.parametrize("motion", [SE2.identity(), STEP])
+def test_what_nobody_measured_may_have_led_anywhere_however_good_the_wheels_are(motion):
+    """A jump of 10 m: the others are no worse for it."""
+    told = told_by(0.3)
+    told[8] = ToldStep(motion, GUESS)
+    moved = POSES + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [10.0, 0.0, 0.0]])
+    assert said_of(told, poses=moved, noise=0.01) == []
+    assert said_of(told_by(0.3), poses=moved, noise=0.01)
+
+
 def test_longest_of_blind_ways_is_told():
     steps, told = steps_of(), told_by(0.25)
     steps[FIRST + 12] = replace(
@@ -117,6 +127,21 @@ def test_robot_of_which_nothing_measured_the_way_goes_on_evenly_for_a_while_at_m
     # a scan here and there, a tenth of a second from the next
     seen = [replace(one, time_s=0.1 * one.time_s) for one in seen]
     assert said_of(told, [*steps[:FIRST], *seen]) == []
+    # or with stamps that go back
+    seen = [replace(one, time_s=-100.0 * one.time_s) for one in seen]
+    assert said_of(told, [*steps[:FIRST], *seen]) == []
+
+
+@pytest.mark.parametrize(("count", "is_known"), [(6, True), (8, False)])
+def test_robot_that_goes_on_evenly_is_known_for_a_few_scans(count, is_known):
+    # each leaves open 0.15 m, and half the root of their number is left in the middle; a turn of 0.1 rad
+    # at each hardly matters so soon
+    told = [replace(one, covariance=GUESS, motion=SE2.identity()) for one in told_by(0.1)]
+    steps = steps_of()[: FIRST + count + 1]
+    end = SE2(STEP.x * count, 0.0, 0.0)
+    steps[-1] = replace(steps[-1], status=StepStatus.MATCHED, T_keyframe_base=end)
+    steps = [replace(one, time_s=0.1 * one.time_s) for one in steps]
+    assert (said_of(told, steps) == []) is is_known
 
 
 def test_robot_that_stands_before_a_blocked_laser_goes_nowhere():
@@ -125,6 +150,19 @@ def test_robot_that_stands_before_a_blocked_laser_goes_nowhere():
     assert said_of(stands, poses=poses) == []
     # one whose wheels say so, and which is elsewhere in the end
     assert said_of(stands, poses=POSES)
+
+
+def test_robot_that_turns_on_the_spot_does_not_stand():
+    turn = SE2(0.0, 0.0, 0.05)
+    end = SE2(0.0, 0.0, turn.theta * BLIND) @ OFFSET.inverse()
+    poses = np.array([POSES[0], POSES[1], end.as_array()])
+    assert said_of(told_by(0.2, step=turn), poses=poses)
+    assert said_of(told_by(0.05, step=turn), poses=poses) == []
+
+
+def test_the_last_pose_is_that_of_a_scan_that_sees():
+    told = told_by(0.1)[1:]
+    assert len(list(_known(told, SE2(STEP.x * BLIND, 0.0, 0.0)))) == BLIND - 1
 
 
 def test_only_scans_that_tell_nothing_of_this_session_are_asked():
@@ -142,6 +180,8 @@ def test_only_scans_that_tell_nothing_of_this_session_are_asked():
     # nor is a way known without its end
     assert said_of(told, steps_of()[:-1]) == []
     assert unknown_blind_poses([], 0, [], POSES, 1.0) == []
+    # nor blind between two scans that see, one after the other
+    assert said_of(told, [replace(one, status=StepStatus.MATCHED) for one in steps_of()]) == []
 
 
 def test_scan_that_is_a_keyframe_all_the_same_is_an_end():

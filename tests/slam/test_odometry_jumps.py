@@ -10,6 +10,7 @@ from slam.odometry_jumps import JudgedMotion, OdometryJumps
 
 SCAN = LaserScan(0.0, np.radians([-1.0, 0.0, 1.0]), np.ones(3))
 STEP = SE2(0.2, 0.0, 0.02)
+LONG = SE2(0.7, 0.0, 0.0)
 
 
 def judged_each(
@@ -22,6 +23,20 @@ def judged_each(
         jumps.judged(Measurement(float(time_s), motion, SCAN, told), is_blind)
         for time_s, motion in zip(times_s, motions, strict=True)
     ]
+
+
+def jumps_of(motions: list[SE2], elapsed_s: float | list[float]) -> list[int]:
+    """Which are known to be jumps."""
+    judged = judged_each(motions, elapsed_s)
+    return [k for k, one in enumerate(judged) if one.has_jumped]
+
+
+def begun_with_s(motions: list[SE2], elapsed_s: float | list[float] = 0.5) -> float | None:
+    jumps = OdometryJumps()
+    times_s = np.cumsum(np.broadcast_to(elapsed_s, len(motions)))
+    for time_s, motion in zip(times_s, motions, strict=True):
+        jumps.judged(Measurement(float(time_s), motion, SCAN, np.eye(3)))
+    return jumps.begun_with_s
 
 
 def sigmas_m(
@@ -48,6 +63,17 @@ def test_where_odometry_tells_of_far_more_the_robot_goes_on_as_it_did_and_turns_
     assert [one.other for one in (*judged[:20], judged[21])] == [None] * 21
 
 
+def test_a_jump_is_as_unsure_as_told_and_by_how_far_it_may_have_led():
+    (*_, judged) = judged_each([STEP] * 20 + [SE2(2.2, 0.0, 0.3)])
+    variance = [0.01**2 + 2.0**2, 0.01**2 + 2.0**2, 0.01**2 + 0.3**2]
+    assert np.diag(judged.measurement.motion_covariance) == pytest.approx(variance, rel=1e-6)
+
+
+def test_each_of_many_jumps_is_told():
+    motions = ([LONG] * 6 + [SE2(5.0, 0.0, 0.0)]) * 5
+    assert jumps_of(motions, 1.0) == [6, 13, 20, 27, 34]
+
+
 def test_a_way_back_for_the_first_time_is_believed_and_doubted():
     # in a corridor nothing told that a robot which backed up had not driven on
     back = SE2(-0.7, 0.0, 0.0)
@@ -63,6 +89,8 @@ def test_a_way_back_for_the_first_time_is_believed_and_doubted():
         SE2(0.0, 0.0, -2.35) @ SE2(3.5, 0.0, 0.0),  # and drove on
         SE2(3.5, 0.0, 0.0) @ SE2(0.0, 0.0, 2.35),
         SE2(1.0, 0.0, 0.0) @ SE2(0.0, 0.0, 2.8) @ SE2(3.0, 0.0, 0.0),
+        SE2(0.0, 0.0, -2.0) @ SE2(3.5, 0.0, 0.0),
+        SE2(0.0, 0.0, np.pi) @ SE2(4.0, 0.0, 0.0) @ SE2(0.0, 0.0, -0.64),
     ],
 )
 def test_a_robot_that_turned_round_between_two_scans_has_not_gone_back(turned_round):
@@ -78,6 +106,8 @@ def test_a_robot_that_turned_round_between_two_scans_has_not_gone_back(turned_ro
         ([SE2.identity(), SE2(-0.4, 0.0, 0.1)], False),
         ([SE2(0.7, 0.0, 0.0)] * 4, True),
         ([SE2.identity(), SE2(0.7, 0.0, 0.0)], True),
+        ([SE2(0.0, 0.0, np.pi) @ SE2(0.7, 0.0, 0.0)], True),  # it turns round, and drives on
+        ([SE2(0.0, 0.0, 0.5) @ SE2(-0.7, 0.0, 0.0)], False),  # it turns, and backs on
     ],
 )
 def test_who_goes_on_backwards_has_backed_up_and_odometry_not_jumped(after, has_jumped):
@@ -86,8 +116,14 @@ def test_who_goes_on_backwards_has_backed_up_and_odometry_not_jumped(after, has_
     assert not judged[10].has_jumped
 
 
+def test_who_was_not_believed_to_go_back_has_not_jumped_once_more_as_it_drives_on():
+    motions = [STEP] * 10 + [SE2(-2.5, 0.0, 0.0), STEP]
+    assert jumps_of(motions, 0.5) == [10]
+
+
 def test_a_robot_that_backed_off_its_dock_has_not_gone_back():
-    assert sigmas_m([SE2(-0.05, 0.0, 0.0)] + [STEP] * 10 + [SE2(-1.2, 0.0, 0.0)])[-1] > 1.0
+    # one such step might have been a jump that nobody noticed
+    assert sigmas_m([SE2(-0.05, 0.0, 0.0)] * 3 + [STEP] * 10 + [SE2(-0.35, 0.0, 0.0)])[-1] > 0.5
 
 
 def test_after_a_pause_nobody_goes_on_for_as_long():
@@ -108,14 +144,13 @@ def test_one_jump_that_nobody_noticed_hides_no_other():
         ([STEP] * 4 + [SE2(-1.0, 0.0, 0.0)] + [STEP] * 8, 2.5),
         ([STEP, SE2(3.0, 0.0, 0.0)] + [STEP] * 2, None),  # how it drives is not known yet
         ([STEP, SE2(0.35, 0.0, 0.0)] + [STEP] * 8, None),
+        ([SE2.identity()] * 3, None),
         ([SE2(-0.4, 0.0, 0.0)] * 3 + [STEP] * 8, None),  # it backs off
+        ([STEP, SE2(0.8, 0.0, 0.0)] + [STEP] * 9 + [SE2(0.6, 0.0, 0.0)] * 20, 1.0),
     ],
 )
 def test_a_jump_at_the_very_beginning_is_known_later(motions, time_s):
-    jumps = OdometryJumps()
-    for k, motion in enumerate(motions):
-        jumps.judged(Measurement(0.5 * (k + 1), motion, SCAN, np.eye(3)))
-    assert jumps.begun_with_s == time_s
+    assert begun_with_s(motions) == time_s
 
 
 def test_how_a_robot_drives_is_known_after_a_few_steps():
@@ -128,6 +163,7 @@ def test_how_a_robot_drives_is_known_after_a_few_steps():
     [
         # how it drives is not known yet
         [STEP] * 4 + [SE2(2.0, 0.0, 0.0)],
+        [SE2(0.01, 0.0, 0.0)] * 20 + [SE2(0.6, 0.0, 0.0)],
         # slips of wheels, which scans bear
         [STEP] * 20 + [SE2(0.45, 0.0, 0.0), SE2(-0.25, 0.0, 0.0)],
         # twice as fast as ever
@@ -147,11 +183,69 @@ def test_what_lasts_is_how_the_robot_drives_now():
     assert [one > 0.5 for one in sigma_m[20:]] == [True] * 2 + [False] * 8
 
 
+def test_how_it_drove_long_ago_does_not_tell():
+    motions = [LONG] * 20 + [STEP] * 60 + [SE2(0.6, 0.0, 0.0)]
+    assert jumps_of(motions, 0.5) == [80]
+    # nor how often records came
+    motions = [LONG] * 100 + [SE2(0.07, 0.0, 0.0)] * 60 + [SE2(0.6, 0.0, 0.0)]
+    assert jumps_of(motions, [0.5] * 100 + [0.05] * 61) == [160]
+
+
+def test_records_that_come_early_tell_how_fast_the_robot_is():
+    motions = [SE2(0.42, 0.0, 0.0), SE2(0.28, 0.0, 0.0)] * 10
+    motions[-1] = SE2(0.7, 0.0, 0.0)
+    assert jumps_of(motions, [0.6, 0.4] * 10) == [19]
+
+
 def test_where_stamps_stand_as_much_time_has_passed_as_before():
     # ten equal stamps, a jump among them
     motions, elapsed_s = [STEP] * 20 + [SE2(2.0, 0.0, 0.0)], [0.5] * 15 + [0.0] * 6
     assert sigmas_m(motions, elapsed_s)[-1] > 1.7
     assert sigmas_m(motions[:-1], elapsed_s[:-1]) == pytest.approx([0.01] * 20)
+
+
+def test_a_step_whose_stamp_stands_does_not_tell_how_fast_the_robot_is():
+    motions = [LONG] * 10 + [SE2(1.3, 0.0, 0.0)] * 2 + [SE2(2.0, 0.0, 0.0)]
+    assert jumps_of(motions, [0.5] * 10 + [0.0] * 2 + [0.5]) == [12]
+
+
+def test_stamps_that_come_close_tell_no_speed():
+    """Steps of 0.7 m, one 1 ms after the one before: it was believed to be 1.4 mm."""
+    elapsed_s = [0.5] * 12 + [1e-3, 0.999] + [0.5] * 6
+    assert sigmas_m([LONG] * 20, elapsed_s) == pytest.approx([0.01] * 20)
+    # nor do two of them hide a jump
+    elapsed_s = [0.5] * 8 + [1e-3, 0.999] * 2 + [0.5] * 9
+    assert jumps_of([LONG] * 20 + [SE2(9.0, 0.0, 0.0)], elapsed_s) == [20]
+
+
+@pytest.mark.parametrize("at_once", [2, 3, 4])
+@pytest.mark.parametrize("jump_at", [30, 31])
+def test_records_that_come_some_at_once_show_jumps_and_none_where_there_are_none(at_once, jump_at):
+    elapsed_s = ([1e-3] * (at_once - 1) + [0.5 * at_once]) * 20
+    motions = [LONG] * jump_at + [SE2(9.0, 0.0, 0.0)] + [LONG] * 8
+    assert jumps_of(motions, elapsed_s[: len(motions)]) == [jump_at]
+
+
+@pytest.mark.parametrize("close_at", [1, 2, 4])
+def test_a_close_stamp_at_the_very_beginning_is_no_jump(close_at):
+    elapsed_s = [0.5] * 12
+    elapsed_s[close_at : close_at + 2] = [1e-3, 0.999]
+    assert begun_with_s([LONG] * 12, elapsed_s) is None
+
+
+def test_after_a_close_stamp_nobody_goes_on_faster():
+    """A robot that stands, and whose odometry jumps by 3 m, was believed to be hundreds of metres off."""
+    motions = [STEP] * 21 + [SE2.identity()] * 2 + [SE2(3.0, 0.0, 0.0)]
+    judged = judged_each(motions, [0.5] * 20 + [1e-4, 0.5, 0.5, 0.5])
+    assert judged[-1].measurement.motion.is_near(SE2(STEP.x, 0.0, 0.0), 1e-9, 1e-9)
+
+
+@pytest.mark.parametrize(("standing", "believed_m"), [(5, STEP.x), (20, 0.0)])
+def test_a_robot_that_has_stood_does_not_go_on(standing, believed_m):
+    motions = [STEP] * 20 + [SE2.identity()] * standing + [SE2(3.0, 0.0, 0.0)]
+    (*_, judged) = judged_each(motions)
+    assert judged.has_jumped
+    assert judged.measurement.motion.x == pytest.approx(believed_m)
 
 
 def test_stamps_that_never_move_tell_no_speed():
@@ -171,6 +265,10 @@ def test_late_odometry_that_makes_up_for_its_silence_has_not_jumped(silent):
     # what is far more than it makes up for is a jump still
     jump = SE2(made_up.x + 1.5, 0.0, 0.0)
     assert sigmas_m([*motions[: 10 + silent], jump], is_blind=True)[-1] > 1.0
+    # or the same way in another direction, or half as much again
+    if silent > 1:
+        for other in (SE2(0.0, made_up.x, 0.0), SE2(1.6 * made_up.x, 0.0, 0.0)):
+            assert sigmas_m([*motions[: 10 + silent], other], is_blind=True)[-1] > 0.5
     # and of what scans have shown already it tells once more
     if silent > 1:
         assert sigmas_m(motions)[10 + silent] > 0.3
@@ -181,9 +279,14 @@ def test_a_robot_that_has_stood_for_long_makes_up_for_nothing():
     assert sigmas_m(motions, is_blind=True)[-1] > 1.0
 
 
+def test_late_odometry_is_no_jump_while_nobody_knows_how_the_robot_drives():
+    motions = [STEP] * 4 + [SE2.identity()] * 3 + [SE2(4.0 * STEP.x, 0.0, 0.0)]
+    assert not any(one.has_jumped for one in judged_each(motions, is_blind=True))
+
+
 def test_late_odometry_makes_up_for_its_silence_by_the_usual_speed():
     assert STEP.x < 0.25  # the last steps count, not those before
-    motions_before = [SE2(0.5, 0.0, 0.0)] * 10
+    motions_before = [SE2(0.45, 0.0, 0.0)] * 10
     hiccup = [SE2(0.05, 0.0, 0.0), SE2(0.3, 0.0, 0.0), SE2(0.09, 0.0, 0.0)]
     motions = motions_before + [STEP] * 5 + hiccup + [SE2.identity()] * 4 + [SE2(1.0, 0.0, 0.0)]
     assert sigmas_m(motions, is_blind=True)[-1] == pytest.approx(0.01)

@@ -30,7 +30,13 @@ def step_of(time_s: float, x: float, session: int) -> FrontEndStep:
 
 
 def said_of(steps: list[FrontEndStep], covariance: np.ndarray = GUESS) -> list[str]:
-    return scan_jumps(steps, FIRST, [ToldStep(SE2.identity(), covariance)] * COUNT, POSES)
+    told = [ToldStep(SE2.identity(), covariance)] * (len(steps) - FIRST)
+    return scan_jumps(steps, FIRST, told, POSES)
+
+
+def with_status(steps: list[FrontEndStep], at: int, status: StepStatus) -> list[FrontEndStep]:
+    """The same, one scan of the last session placed in another way."""
+    return [replace(one, status=status) if k == FIRST + at else one for k, one in enumerate(steps)]
 
 
 def steps_with(jump_m: float, back_m: float = 0.0) -> np.ndarray:
@@ -86,3 +92,92 @@ def test_wheels_and_breaks_are_asked_elsewhere():
     jumped[FIRST + AT] = replace(jumped[FIRST + AT], status=StepStatus.BROKEN)
     assert said_of(jumped) == []
     assert said_of(driven()[: FIRST + 2]) == []
+    assert said_of(driven()[: FIRST + 1]) == said_of(driven()[:FIRST]) == []
+
+
+@pytest.mark.parametrize("jumps", [(20, 40), (15, 30, 45), range(4, 56, 8)])
+def test_many_scans_that_jump_are_none_the_less_jumps(jumps):
+    step_m = np.full(COUNT, STEP_M)
+    for at in jumps:
+        step_m[at] += 0.6
+        step_m[at + 1] -= 0.6
+    assert said_of(driven(step_m))
+
+
+@pytest.mark.parametrize("at", [1, COUNT - 1])
+def test_the_first_and_the_last_scan_may_have_jumped(at):
+    step_m = np.full(COUNT, STEP_M)
+    step_m[at] = 2.0
+    assert said_of(driven(step_m))[0].startswith(f"at {5.0 + STEP_S * at:.2f} s")
+
+
+@pytest.mark.parametrize("beside", [-2, 1])
+def test_a_scan_that_tells_nothing_beside_one_that_jumps_hides_it_not(beside):
+    blind = with_status(driven(steps_with(0.6, -0.6)), AT + beside, StepStatus.CARRIED)
+    assert said_of(blind)[0].startswith(f"at {5.0 + STEP_S * AT:.2f} s")
+    # nor one that nobody placed, and which went as far
+    blind = with_status(driven(steps_with(0.6, 0.6)), AT + 1, StepStatus.CARRIED)
+    assert said_of(blind)
+    # between two such scans nothing tells how the robot went
+    assert said_of(with_status(blind, AT - 2, StepStatus.CARRIED)) == []
+
+
+def test_scans_that_were_searched_for_jump_and_those_that_nobody_placed_do_not():
+    jumped = driven(steps_with(0.5))
+    assert said_of(with_status(jumped, AT, StepStatus.SEARCHED))
+    for at in (AT - 1, AT):
+        assert said_of(with_status(jumped, at, StepStatus.CARRIED)) == []
+
+
+def test_a_way_that_nothing_measured_is_no_jump_beside_those_that_were():
+    """A robot that was lifted: its wheels are not believed there, and scans alone say how far."""
+    guess, told = (ToldStep(SE2.identity(), one) for one in (GUESS, TOLD))
+    one = [guess if at == AT else told for at in range(COUNT)]
+    assert scan_jumps(driven(steps_with(0.5)), FIRST, one, POSES) == []
+    # and what was measured is none beside those that were not
+    others = [told if at == AT else guess for at in range(COUNT)]
+    assert scan_jumps(driven(steps_with(0.5)), FIRST, others, POSES) == []
+
+
+def test_how_fast_a_robot_drives_is_known_after_a_while():
+    steps = driven(steps_with(0.5))
+    # the one that jumped and its neighbours, of whom one is apart as well, say nothing of it
+    assert said_of(steps[FIRST + AT - 12 :][: FIRST + 20]) == []
+    assert said_of(steps[FIRST + AT - 12 :][: FIRST + 24])
+
+
+def test_robot_that_is_mostly_slow_or_stands_is_as_fast_as_it_drives():
+    step_m = np.zeros(600)
+    step_m[100:125] = 0.7
+    assert said_of(driven(step_m)) == []
+    step_m = steps_with(0.31)
+    step_m[10:20] = 0.25
+    assert said_of(driven(step_m)) == []
+
+
+def test_a_few_fast_steps_are_not_how_it_drives():
+    step_m = steps_with(0.4)
+    step_m[10:12] = 0.35
+    assert said_of(driven(step_m))
+
+
+def test_brief_interval_is_as_brief_as_scans_come():
+    step_m = np.full(COUNT, 0.5)
+    close = driven(step_m)
+    close[FIRST + AT] = replace(close[FIRST + AT], time_s=close[FIRST + AT - 1].time_s + 0.001)
+    assert said_of(close) == []
+    # 0.9 m in 0.18 s are three times as fast as others, in 0.3 s were not
+    step_m[AT] = 0.9
+    brief = [
+        replace(one, time_s=one.time_s - 0.12 * (at >= FIRST + AT))
+        for at, one in enumerate(driven(step_m))
+    ]
+    assert said_of(brief)
+
+
+def test_it_is_the_jump_that_is_told_and_not_a_pause():
+    late = [
+        replace(one, time_s=one.time_s + 5.0 * (at >= FIRST + 20))
+        for at, one in enumerate(driven(steps_with(0.5)))
+    ]
+    assert said_of(late)[0].startswith(f"at {10.0 + STEP_S * AT:.2f} s")

@@ -55,6 +55,9 @@ def test_keyframe_that_strayed_is_put_back_on_the_way(slam_map, strays, covarian
     keyframes, _, found, put_back = without_strays(slam_map.keyframes, [], poses, told)
     assert set(put_back) == set(strays)
     assert off_m(found, slam_map) < 0.05
+    # nearer ones are left, if that is asked for
+    far = StrayConfig(least_m=1.3)
+    assert without_strays(slam_map.keyframes, [], poses, told, far)[3] == []
     # the steps to it and on from it are measured anew
     for k in (strays[0], strays[-1] + 1):
         T_before = SE2.from_array(found[k - 1]).inverse() @ SE2.from_array(found[k])
@@ -122,10 +125,19 @@ def test_keyframes_about_one_aside_of_the_way_may_have_strayed(slam_map, covaria
     told, poses = told_by(slam_map.keyframes, covariance), pushed(slam_map, AT)
     half = StrayConfig.half
     # the step on from it leads aside as well, if wheels tell it
-    asked = (AT - half - 2, AT - half, AT, AT + half, AT + half + 2)
+    asked = (AT - half - 2, AT - half, AT, AT + half, AT + half + 3)
     found = [may_have_strayed(slam_map.keyframes, poses, k, told) for k in asked]
     assert found == [False, True, True, True, False]
+    # as many as are asked for
+    less = StrayConfig(half=2)
+    asked = (AT - 4, AT - 2, AT + 2, AT + 5)
+    found = [may_have_strayed(slam_map.keyframes, poses, k, told, less) for k in asked]
+    assert found == [False, True, True, False]
     assert not may_have_strayed(slam_map.keyframes, slam_map.poses, AT, told)
+    # nor does the last one, beyond which nothing is known
+    count = AT + 1
+    driven_so_far = slam_map.keyframes[:count], slam_map.poses[:count]
+    assert not may_have_strayed(*driven_so_far, AT, told[:count])
     # of a session before nothing is told
     assert not may_have_strayed(slam_map.keyframes, poses, AT, told[AT + 10 :])
 
@@ -138,7 +150,11 @@ def test_two_that_strayed_together_where_nothing_measured_the_way_may_have(
     told, poses = told_by(slam_map.keyframes, GUESS), slam_map.poses.copy()
     for k in (AT, AT + 1):
         poses[k] = (SE2.from_array(poses[k]) @ SE2(0.0, aside_m, 0.0)).as_array()
-    assert may_have_strayed(slam_map.keyframes, poses, AT, told) is has_strayed
+    # all those whose surfaces are looked at with the pair
+    half = StrayConfig.half
+    asked = range(AT - half, AT + half + 2)
+    found = {may_have_strayed(slam_map.keyframes, poses, k, told) for k in asked}
+    assert found == {has_strayed}
 
 
 def test_scan_that_may_have_strayed_is_kept_in_a_crowd():

@@ -1,15 +1,20 @@
 """Where a scan that fits badly and the wheels tell different ways, neither is sure."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from slam import SE2
 from slam.beams import Beams
-from slam.keyframes import Keyframe
+from slam.keyframe_graph import KeyframeGraph
+from slam.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.mapping import Mapper
+from slam.measurements import Measurement
 from slam.strays import ToldStep
-from slam.weak_steps import loosened
+from slam.weak_steps import WeakSteps, loosened
+from tests.slam import ring
 
 COUNT, AT = 8, 5
 STEP, SHORT = SE2(2.0, 0.0, 0.1), SE2(1.5, 0.0, 0.1)
@@ -48,6 +53,10 @@ def test_step_is_as_unsure_as_scan_and_wheels_are_apart():
     # it lies where it did, and is as sure aside
     assert found[AT].T_before == SHORT
     assert sigma_m[1] < 0.06
+    apart = (SHORT.inverse() @ STEP).log()
+    assert np.allclose(found[AT].covariance, SURE + np.outer(apart, apart))
+    # so is the first that is seen from another one
+    assert list(changed(count=COUNT - AT + 1)) == [AT]
 
 
 def test_wheels_that_are_better_than_they_say_are_sooner_believed():
@@ -64,6 +73,7 @@ def test_wheels_that_are_better_than_they_say_are_sooner_believed():
         {"noise": 10.0},
         {"is_break": True},
         {"told": ToldStep(STEP, 4.0 * np.eye(3))},
+        {"told": ToldStep(SE2.identity(), 0.1 * np.eye(3)), "noise": 0.01},  # nobody measured it
         {"told": ToldStep(SE2(1.7, 0.0, 0.1), WHEELS)},
         {"count": COUNT - AT},  # of a session that begins there
     ],
@@ -76,3 +86,93 @@ def test_bad_fits_that_wheels_bear_out_are_as_sure_as_they_are():
     keyframes = [replace(keyframe_of(STEP)) for _ in range(3)]
     steps = [ToldStep(STEP, WHEELS)] * 3
     assert loosened(keyframes, steps, dict.fromkeys(range(3), 0.6), 1.0) == keyframes
+
+
+def weak_steps_of(count: int = 16, off_m: float = 0.5) -> tuple[KeyframeGraph, SimpleNamespace]:
+    """A graph of keyframes, one of them so much short of wheels that agree with all others, and what is
+    asked of a front end."""
+    keyframes = [keyframe_of(STEP) for _ in range(count)]
+    keyframes[AT] = keyframe_of(SE2(STEP.x - off_m, STEP.y, STEP.theta))
+    poses = [SE2.identity()]
+    for one in keyframes[1:]:
+        poses.append(poses[-1] @ one.T_before)
+    graph = KeyframeGraph((0.0, 0.0, 0.0))
+    graph.renew(keyframes, [], np.array([pose.as_array() for pose in poses]))
+    return graph, SimpleNamespace(told_steps=[ToldStep(STEP, WHEELS)] * count)
+
+
+def fitting(count: int, fit: float) -> list[FrontEndStep]:
+    """A scan of each keyframe, that of one as bad as that, and another behind each that fits all over."""
+    T, found = SE2.identity(), []
+    for k in range(count):
+        for is_keyframe in (True, False):
+            ratio = fit if k == AT and is_keyframe else 1.0
+            found.append(FrontEndStep(0.0, k, T, T, StepStatus.MATCHED, ratio, is_keyframe))
+    return found
+
+
+def loose_in(graph: KeyframeGraph) -> list[int]:
+    return [k for k, one in enumerate(graph.keyframes) if one.covariance is not SURE]
+
+
+@pytest.mark.parametrize(
+    ("count", "fit", "off_m", "loose"),
+    [
+        (16, 0.7, 0.5, [AT]),
+        (16, 0.87, 0.5, [AT]),  # by wheels that are a tenth as noisy as they say
+        (16, 0.7, 0.02, []),  # but none are better than that
+        (16, 0.95, 0.5, []),
+        (10, 0.7, 0.5, []),  # nine steps do not show how noisy they are
+    ],
+)
+def test_wheels_are_asked_by_as_noisy_as_they_show(count, fit, off_m, loose):
+    graph, front_end = weak_steps_of(count, off_m)
+    WeakSteps().loosen(graph, front_end, fitting(count, fit))
+    assert loose_in(graph) == loose
+
+
+@pytest.mark.parametrize("count", [11, 16])
+def test_whoever_asks_again_hears_the_same(count):
+    # ten steps are just enough to show how noisy wheels are
+    graph, front_end = weak_steps_of(count)
+    weak_steps, steps = WeakSteps(), fitting(count, 0.7)
+    weak_steps.loosen(graph, front_end, steps)
+    first = graph.keyframes[AT].covariance
+    weak_steps.loosen(graph, front_end, steps)
+    assert loose_in(graph) == [AT]
+    assert np.array_equal(graph.keyframes[AT].covariance, first)
+    # a scan that is known to fit by now is as sure as it was
+    weak_steps.loosen(graph, front_end, fitting(count, 1.0))
+    assert loose_in(graph) == []
+    # and of what somebody else has learnt since nothing is taken back
+    weak_steps.loosen(graph, front_end, steps)
+    put_back = replace(graph.keyframes[AT], T_before=STEP, covariance=4.0 * SURE)
+    graph.renew([*graph.keyframes[:AT], put_back, *graph.keyframes[AT + 1 :]], [], graph.poses)
+    weak_steps.loosen(graph, front_end, steps)
+    assert graph.keyframes[AT].covariance is put_back.covariance
+
+
+def cluttered_drive() -> list[Measurement]:
+    """Scans of which a third shows somebody near by, some where wheels led 12 cm too far."""
+    drive = ring.drive(ring.way(0.7)[:60], np.random.default_rng(0), 1.0, 1.0)
+    rng = np.random.default_rng(1)
+    for k in range(30, 50):
+        ranges_m = drive[k].scan.ranges_m.copy()
+        count = len(ranges_m)
+        at = (rng.integers(0, count) + np.arange(int(0.3 * count))) % count
+        ranges_m[at] = rng.uniform(0.3, 0.9) * np.minimum(ranges_m[at], 3.0)
+        drive[k] = replace(drive[k], scan=replace(drive[k].scan, ranges_m=ranges_m))
+        if k % 5 == 0:
+            drive[k] = replace(drive[k], motion=drive[k].motion @ SE2(0.12, 0.0, 0.0))
+    return drive
+
+
+def test_a_map_has_weak_steps_loosened_once_however_often_it_is_asked_for():
+    mapper = Mapper(ring.T_BASE_LASER)
+    for measurement in cluttered_drive():
+        mapper.update(measurement)
+    sure = [one.covariance for one in mapper._front_end.keyframes]
+    first, second = ([one.covariance for one in mapper.finish().keyframes] for _ in range(2))
+    loose = [k for k in range(len(sure)) if first[k][0, 0] > 2.0 * sure[k][0, 0]]
+    assert loose
+    assert np.array_equal(first, second)
