@@ -19,6 +19,7 @@ from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.loose_runs import LooseRuns
 from slam.measurements import Measurement
+from slam.open_matches import is_one_place
 from slam.open_runs import OpenRun
 from slam.pauses import Pauses
 from slam.se2 import SE2
@@ -60,7 +61,7 @@ class FrontEnd:
         points = self._seen(beams)
         told = self._predicted(measurement, other)
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
-        is_open = match is not None and self._is_open(match)
+        is_open = match is not None and self._is_open(match, points, told)
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
         trust = told.noise * self.config.surely_wrong
         self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
@@ -283,9 +284,12 @@ class FrontEnd:
             and told.squared(match) > told.noise * most
         )
 
-    def _is_open(self, match: SurfaceMatch) -> bool:
-        """Whether a scan itself leaves a direction open."""
-        return match.least_facing < self.config.least_facing
+    def _is_open(self, match: SurfaceMatch, points: FloatArray, told: Prediction) -> bool:
+        """Whether a scan leaves a direction open. Where nothing else tells of the way, few surfaces across
+        it do, if they fit in one place; wheels tell more than these, and are held to."""
+        if match.least_facing >= self.config.least_facing:
+            return False
+        return not (told.is_coasting and is_one_place(self._window.surfaces, points, match))
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:

@@ -126,14 +126,22 @@ class SurfaceMatch:
         xy = information[0, 1] - x * y / information[2, 2]
         return float((0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)) / total)
 
+    @property
+    def open_way(self) -> FloatArray | None:
+        """(3,) tangent along which the scan, slid a metre and turned with it, fits all but as well: the
+        direction of which it tells least. None where it tells nothing of its heading."""
+        known = self.information
+        if not known[2, 2] > 0.0:
+            return None
+        weakest = np.linalg.eigh(self.place_information)[1][:, 0]
+        return np.array([*weakest, -known[:2, 2] @ weakest / known[2, 2]])
+
     def loosened_along_open(self, sigma_m: float) -> SurfaceMatch:
         """The same pose, so much less sure along the direction of which the scan tells least: of a match
         that was searched for, where neither that nor the wheels tell how far along it lies."""
-        known = self.information
-        if not known[2, 2] > 0.0:
+        open_ = self.open_way
+        if open_ is None:
             return self
-        weakest = np.linalg.eigh(self.place_information)[1][:, 0]
-        open_ = np.array([*weakest, -known[:2, 2] @ weakest / known[2, 2]])
         covariance = self.covariance + sigma_m**2 * np.outer(open_, open_)
         return replace(self, joined=inverse_of(covariance))
 
@@ -144,12 +152,9 @@ class SurfaceMatch:
         directions left to the prediction: Zhang, Kaess and Singh, ICRA 2016; here the pose and its
         covariance are those of scan and odometry without that direction.
         """
-        known = self.gain * self.information
-        if not known[2, 2] > 0.0:
+        open_, known = self.open_way, self.gain * self.information
+        if open_ is None:
             return self
-        weakest = np.linalg.eigh(self.place_information)[1][:, 0]
-        # moved so, and turned with it, the scan fits all but as well
-        open_ = np.array([*weakest, -known[:2, 2] @ weakest / known[2, 2]])
         seen = known @ open_
         told = float(open_ @ seen)
         if not told > 0.0:

@@ -147,7 +147,7 @@ def test_match_that_was_searched_for_along_a_wall_is_not_sure_how_far_along(monk
     front_end, second = after_one_scan()
     two_poses(monkeypatch, front_end, gain=0.3)
     monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
-    monkeypatch.setattr(front_end, "_is_open", lambda _: True)
+    monkeypatch.setattr(front_end, "_is_open", lambda *_: True)
     covariance = np.diag([0.05**2, 0.05**2, 0.05**2])
     assert (
         front_end.update(replace(second, motion_covariance=covariance)).status

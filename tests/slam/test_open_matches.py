@@ -1,13 +1,17 @@
-"""Between bare walls, wheels off by half a metre lead past what little tells how far the robot went."""
+"""Between bare walls, wheels off by half a metre lead past what little tells how far the robot went; and
+what little tells it where there are no wheels."""
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
-from slam.open_matches import closed_match
+from slam.measurements import Measurement
+from slam.open_matches import closed_match, is_one_place
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, faced
 from tests.slam.synthetic import box, room, scan_of
@@ -51,15 +55,20 @@ def test_scan_between_bare_walls_stays_where_the_wheels_lead(off_m):
     assert closed is match
 
 
-@pytest.mark.parametrize("every_m", [0.3, 0.45, 0.6])
-def test_scan_among_pillars_that_look_the_same_stays_at_those_it_saw(every_m):
+def pillared(every_m: float) -> np.ndarray:
+    """A corridor with shallow pillars to both sides."""
     pillars = [
         box(x, side * 0.98, x + 0.1, side * 1.0)
         for side in (-1.0, 1.0)
         for x in np.arange(-9.0, 9.0, every_m)
     ]
+    return np.concatenate([BARE, *pillars])
+
+
+@pytest.mark.parametrize("every_m", [0.3, 0.45, 0.6])
+def test_scan_among_pillars_that_look_the_same_stays_at_those_it_saw(every_m):
     true = SE2(0.5, 0.0, 0.0)
-    _, closed = matched(np.concatenate([BARE, *pillars]), true, SE2(0.53, 0.0, 0.0))
+    _, closed = matched(pillared(every_m), true, SE2(0.53, 0.0, 0.0))
     assert closed.T_map_base.is_near(true, 0.06, 0.02)
 
 
@@ -84,3 +93,79 @@ class Finding:
 
     def match(self, *_):
         return self._found
+
+
+def recessed(*starts_m: float) -> np.ndarray:
+    """Walls of a corridor with doors, a hand's breadth deep."""
+    walls = [
+        [[-30.0, 1.0], [30.0, 1.0]],
+        [[-30.0, -1.0], [-30.0, 1.0]],
+        [[30.0, -1.0], [30.0, 1.0]],
+    ]
+    x = -30.0
+    for start in starts_m:
+        corners = [
+            [x, -1.0],
+            [start, -1.0],
+            [start, -1.1],
+            [start + 0.9, -1.1],
+            [start + 0.9, -1.0],
+        ]
+        walls += [[a, b] for a, b in pairwise(corners)]
+        x = start + 0.9
+    return np.array([*walls, [[x, -1.0], [30.0, -1.0]]])
+
+
+DOORS = recessed(*np.arange(-29.0, 28.0, 4.3))
+
+
+def match_of(walls, seed: int, T_start: SE2 | None = None, sigma_m: float = 0.05):
+    """A map of two scans, another one's points and its match, along a corridor."""
+    rng, surfaces = np.random.default_rng(seed), SurfaceMap()
+    seen = []
+    for x in (-0.3, 0.0, 0.15):
+        beams = scan_of(walls, SE2(x, 0.0, 0.0), rng, 0.01, range_max_m=8.0)
+        seen.append(faced(beams.points(SE2.identity()), np.zeros(2)))
+    for x, points in zip((-0.3, 0.0), seen[:2], strict=True):
+        surfaces.add(points + np.array([x, 0.0, 0.0]))
+    start = T_start or SE2(0.15, 0.0, 0.0)
+    told = np.diag([1.0 / sigma_m**2, 1.0 / sigma_m**2, 1.0 / 0.02**2])
+    return surfaces, seen[2], surfaces.match(seen[2], start, start, told)
+
+
+def test_shallow_recesses_tell_the_one_place_where_a_scan_was_taken():
+    for seed in range(10):
+        surfaces, points, match = match_of(DOORS, seed)
+        assert match.least_facing < CONFIG.least_facing
+        assert is_one_place(surfaces, points, match)
+
+
+def test_between_bare_walls_a_scan_has_no_one_place():
+    # but where noise makes one
+    told = [is_one_place(*match_of(BARE, seed)) for seed in range(60)]
+    assert np.mean(told) < 0.05
+
+
+@pytest.mark.parametrize("every_m", [0.3, 0.45])
+def test_among_pillars_that_look_the_same_a_scan_has_no_one_place(every_m):
+    told = [is_one_place(*match_of(pillared(every_m), seed)) for seed in range(20)]
+    assert not any(told)
+
+
+def test_a_scan_that_is_held_elsewhere_is_not_told_by_recesses():
+    surfaces, points, match = match_of(DOORS, 0, SE2(0.35, 0.0, 0.0), sigma_m=1e-4)
+    assert abs(match.T_map_base.x - 0.35) < 0.01
+    assert not is_one_place(surfaces, points, match)
+
+
+@pytest.mark.parametrize(("walls", "is_told"), [(DOORS, True), (BARE, False)])
+def test_a_robot_without_wheels_that_brakes_between_doors_knows_how_far_it_went(walls, is_told):
+    front_end, rng, pose = FrontEnd(SE2.identity()), np.random.default_rng(1), SE2.identity()
+    steps, x = [], np.cumsum([0.0, *[0.15] * 20, *[0.05] * 30])
+    for index, at_m in enumerate(x):
+        pose = SE2(float(at_m), 0.0, 0.0)
+        scan = scan_of(walls, pose, rng, 0.01, range_max_m=8.0)
+        told = Measurement(0.4 * index, SE2.identity(), scan, np.eye(3))
+        steps.append(front_end.update(told))
+    assert np.mean([step.is_open for step in steps[1:]]) < 0.2 if is_told else steps[-1].is_open
+    assert front_end.T_map_base.is_near(pose, 0.05, 0.02) is is_told
