@@ -53,12 +53,24 @@ def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
             # once more: another command may have ended there before this one had the lock
             _check_results(folder, experiments)
             _remove_unfinished(folder)
-            yield
+            with _naming(folder):
+                yield
         finally:  # still locked: else another command may be at work there by now
             for path in made:
                 if not path.is_dir() or any(path.iterdir()):
                     break
                 path.rmdir()
+
+
+@contextmanager
+def _naming(folder: Path) -> Iterator[None]:
+    """Says where, if the disk is full: what is written says so without a name."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(folder)) from error
+        raise
 
 
 def _check_results(folder: Path, experiments: tuple[str, ...]) -> None:
