@@ -29,9 +29,10 @@ from slam.scan_places import unknown_places
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
-from slam.strays import ToldStep, may_have_strayed, told_step, without_strays
+from slam.strays import ToldStep, may_have_strayed, told_step
+from slam.there_and_back import put_strays_back
 from slam.weak_steps import WeakSteps
-from slam.wheels_borne_out import believe_where_borne_out
+from slam.wheels_borne_out import believe_where_borne_out, told_to_keyframes
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
@@ -191,19 +192,16 @@ class Mapper:
 
     def _put_strays_back(self) -> None:
         """Looks back at keyframes of the session that lie aside of the way."""
-        graph, scaled = self._graph, self._front_end.scaled_steps
-        if graph.loops:
-            graph.solve()
-        keyframes, loops, poses, strays = without_strays(
-            graph.keyframes, graph.loops, graph.poses, self._front_end.told_steps, self.config.strays,
-            self.config.front_end.surfaces,
-        )  # fmt: skip
-        for k in strays:  # these steps are the scans' alone, whatever the wheels' scale
-            for at in (k, k + 1):
-                step = scaled[at - self._session.first]
-                scaled[at - self._session.first] = replace(step, slope=np.zeros(3))
-        if strays:
-            graph.renew(keyframes, loops, poses)
+        front_end, first, config = self._front_end, self._session.first, self.config
+        by_wheels = told = front_end.told_steps
+        if config.is_odometry_doubted:
+            by_wheels = told_to_keyframes(self._steps[self._session.first_step :], self._told)
+        strays = put_strays_back(
+            self._graph, told, by_wheels, config.strays, config.front_end.surfaces
+        )
+        # these steps are no longer by the wheels' scale
+        for at in {own for k in strays for own in (k - first, k + 1 - first)}:
+            front_end.scaled_steps[at] = replace(front_end.scaled_steps[at], slope=np.zeros(3))
 
     def _held_together(self) -> SlamMap:
         """The map with all loops, and with laxer ones if those make it hold together better."""
