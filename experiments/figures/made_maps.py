@@ -16,8 +16,10 @@ from experiments.map_quality import NEAR_M
 from experiments.mapping import LEAST_SHARE, MOST_ATE_M, MapOutcome, MappingResult, true_map
 from slam.arrays import FloatArray
 
-_TRUE, _MAP, _WRONG, _WAY = "#444444", "#0072b2", "#d62728", "#e69f00"
+_TRUE, _MAP, _WRONG, _WAY, _TRACK = "#444444", "#0072b2", "#d62728", "#e69f00", "#009e73"
 _ARROWS = 12
+_MANY = 200
+"""Points off every surface, of which more would hide the map if they were as large as fewer need to be."""
 
 
 def made_maps_picture(folder: Path, result: MappingResult, index: int) -> Path:
@@ -39,7 +41,7 @@ def made_maps_picture(folder: Path, result: MappingResult, index: int) -> Path:
     for axis in panels[1 + len(names) :]:
         axis.set_axis_off()
     figure.suptitle(_title(result, index))
-    legend_below(figure, panels[1], ncols=4)
+    legend_below(figure, panels[1], ncols=5)
     return saved(figure, folder / f"trial_{index}")
 
 
@@ -52,7 +54,7 @@ def worst_maps_picture(folder: Path, worst: list[tuple[int, MappingResult]], nam
         _draw_made(axis, result, name, f"trial {index}, {_people(result)}")
     figure.suptitle(f"the worst maps by {name}" if len(worst) > 1 else f"the worst map by {name}")
     # below a single map there is room for two beside each other
-    legend_below(figure, axes[0][0], ncols=min(2 * len(worst), 4))
+    legend_below(figure, axes[0][0], ncols=min(2 * len(worst), 5))
     return saved(figure, folder / "worst")
 
 
@@ -71,14 +73,19 @@ def map_quality_drawn(folder: Path) -> Figure:
     records = [record for record in map(json.loads, lines) if record["status"] == "ok"]
     figure, axes = plt.subplots(1, 3, figsize=(12.0, 4.2), layout="constrained")
     panels = (
-        ("ate_m", 100.0, "RMS error of the trajectory [cm]", 100 * MOST_ATE_M),
+        ("ate_m", 100.0, "ATE: RMS error of the trajectory [cm]", 100 * MOST_ATE_M),
         (
             "map_precision",
             1.0,
-            f"map points within {100 * NEAR_M:.0f} cm of a surface",
+            f"precision: map points within {100 * NEAR_M:.0f} cm of a surface",
             LEAST_SHARE,
         ),
-        ("map_recall", 1.0, f"surfaces within {100 * NEAR_M:.0f} cm of a map point", LEAST_SHARE),
+        (
+            "map_recall",
+            1.0,
+            f"recall: surfaces within {100 * NEAR_M:.0f} cm of a map point",
+            LEAST_SHARE,
+        ),
     )
     for axis, (key, scale, label, limit) in zip(axes, panels, strict=True):
         for name in summary["methods"]:
@@ -110,12 +117,12 @@ def _people(result: MappingResult) -> str:
 def _draw_truth(axis: Axes, result: MappingResult) -> None:
     _draw_walls(axis, result)
     path = result.true_poses[:, :2]
-    axis.plot(*path.T, color=_WAY, lw=1.4)
+    axis.plot(*path.T, color=_TRACK, lw=1.4)
     for step in _steps(path):
         axis.annotate(
-            "", path[step + 1], path[step], arrowprops={"arrowstyle": "-|>", "color": _WAY}
+            "", path[step + 1], path[step], arrowprops={"arrowstyle": "-|>", "color": _TRACK}
         )
-    axis.plot(*path[0], "o", color=_WAY, ms=6)
+    axis.plot(*path[0], "o", color=_TRACK, ms=6)
     axis.set_title("(a) true map, and the track driven", fontsize=10)
 
 
@@ -135,9 +142,10 @@ def _draw_made(axis: Axes, result: MappingResult, name: str, title: str) -> None
     axis.plot(*outcome.points_m[~is_wrong].T, color=_MAP, label="map, on a surface", **style)
     axis.plot(
         *outcome.points_m[is_wrong].T, color=_WRONG,
-        label=f"map, {100 * NEAR_M:.0f} cm and more off", **style,
+        label=f"map, {100 * NEAR_M:.0f} cm and more off", **style | {"ms": 2.0 if is_wrong.sum() > _MANY else 6.0},
     )  # fmt: skip
-    axis.plot(*outcome.path_m.T, color=_WAY, lw=1.4, label="where the robot thinks it drove")
+    axis.plot(*result.true_poses[:, :2].T, color=_TRACK, lw=1.4, label="where it drove")
+    axis.plot(*outcome.path_m.T, color=_WAY, lw=1.4, ls="--", label="where it thinks it drove")
     quality = outcome.quality
     said = (
         "called failed" if outcome.is_called_failed else "good" if outcome.is_good else "not good"
