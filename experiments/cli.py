@@ -25,13 +25,14 @@ from experiments.commands import (
 )
 from experiments.commands.options import check_words, viewer_told
 from experiments.standard_streams import outlive_readers
+from experiments.termination import interrupt_when_terminated, is_terminated
 
 # Typer brings its own copy of Click, or uses the one installed, by its version; either way this is
 # the base class of what it raises for wrong usage.
 _WrongUsage: type[Exception] = next(
     c for c in typer.BadParameter.__mro__ if c.__name__ == "ClickException"
 )
-_INTERRUPTED = 130
+_INTERRUPTED, _TERMINATED = 130, 143
 
 app = typer.Typer(
     name="kitasap",
@@ -83,7 +84,8 @@ app.add_typer(world.app, name="world")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The exit status: 0 done, 1 fell short, 2 wrong usage or unreadable input, in one line.
+    """The exit status: 0 done, 1 fell short, 2 wrong usage or unreadable input, in one line; 130 and
+    143 interrupted, by Ctrl-C and by SIGTERM.
 
     KITASAP_TRACEBACK in the environment lets the exception behind that line through.
     """
@@ -114,7 +116,8 @@ def main(arguments: list[str] | None = None) -> int:
     if status == _INTERRUPTED:  # Typer returns most interrupts as a status, and says nothing
         goes_on = "; the same command goes on from here"
         is_run = given[:1] in (["run"], ["reproduce"], ["sweep"])
-        print(f"\nkitasap: interrupted{goes_on if is_run else ''}", file=sys.stderr)
+        how, status = ("terminated", _TERMINATED) if is_terminated() else ("interrupted", status)
+        print(f"\nkitasap: {how}{goes_on if is_run else ''}", file=sys.stderr)
     return status if isinstance(status, int) else 0
 
 
@@ -151,16 +154,26 @@ def _refused(reason: str) -> int:
     return 2
 
 
+def _process(arguments: list[str] | None = None) -> int:
+    """`main` of a process that is this command's alone: its streams, its signals."""
+    outlive_readers()
+    interrupt_when_terminated()
+    status = main(arguments)
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        return _refused(_reason(error)) if status in (0, 1) else status
+    return status
+
+
 def run_script(experiment: str) -> None:
     """What `python -m experiments.<experiment>` does: `kitasap run` of that experiment."""
-    outlive_readers()
-    sys.exit(main(["run", experiment, *sys.argv[1:]]))
+    sys.exit(_process(["run", experiment, *sys.argv[1:]]))
 
 
 def entry() -> None:
     """The console script."""
-    outlive_readers()
-    sys.exit(main())
+    sys.exit(_process())
 
 
 if __name__ == "__main__":

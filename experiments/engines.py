@@ -148,6 +148,7 @@ class _Foreman:
         self._busy: dict[Hand, _Started] = {}
         self._deaths: Counter[int] = Counter()
         self._dead_starts = 0
+        self._is_ending = False
 
     def finished(self, indices: Iterable[int]) -> Iterator[Finished]:
         """The trials as they finish. Those under way at an interrupt are still handed out."""
@@ -156,6 +157,7 @@ class _Foreman:
             yield from self._until_done()
         except KeyboardInterrupt:
             self._waiting.clear()
+            self._is_ending = True
             if self._busy:
                 self._tell("waiting for the trials under way; another interrupt ends them")
             yield from self._until_done()
@@ -197,7 +199,7 @@ class _Foreman:
         self._dead_starts = 0
 
     def _bury(self, hand: Hand, how: str) -> Iterator[Finished]:
-        """Its trial is done again; too often, and that is the trial's result."""
+        """Its trial is done again, unless all is to end; too often, and that is the trial's result."""
         if hand in self._idle:
             self._idle.remove(hand)
             return
@@ -208,6 +210,8 @@ class _Foreman:
                 raise RuntimeError(f"the processes that are to do the trials die at once ({how})")
             return
         index = self._busy.pop(hand).index
+        if self._is_ending:  # a SIGTERM for all processes is theirs as well
+            return
         self._deaths[index] += 1
         if self._deaths[index] < _ATTEMPTS:
             self._waiting.appendleft(index)

@@ -18,11 +18,15 @@ from slam.measurements import Measurement
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.ray_counts import still_standing
+from slam.readers.recognition import is_log
 from slam.se2 import SE2
+from slam.slam_map import SlamMap
 from slam.slam_map_files import read_slam_map
 
 _PICTURES = (".pgm", ".png")
 """Of maps, as map_server and we write them."""
+_DESCRIPTIONS = (".yaml", ".yml")
+"""Of the same maps."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +77,31 @@ def check_is_no_folder(path: Path) -> None:
         raise ValueError(f"{path} is a folder: give {instead}")
 
 
+def map_to_continue(path: Path) -> SlamMap:
+    """One of ours. Raises ValueError or OSError for a file that is none, and says what it seems to be."""
+    check_is_no_folder(path)
+    if is_log(path):
+        raise ValueError(
+            f"{path.name}: is a log and no map: --map takes the map.kitasap that slam wrote, and the"
+            " log stands without an option"
+        )
+    if path.suffix in _DESCRIPTIONS and path.exists():
+        raise ValueError(
+            f"{path.name}: is a ROS map, which cannot be continued: give the map.kitasap that slam"
+            " wrote"
+        )
+    return read_slam_map(path)
+
+
 def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...]]:
     """A ROS map, or one of ours, and what is to be said of it. Raises ValueError or OSError for a file
     that is none, or shows no wall."""
     check_is_no_folder(path)
+    if is_log(path):
+        raise ValueError(
+            f"{path.name}: is a log and no map: the map (map.yaml or map.kitasap) comes first, then"
+            " the log"
+        )
     if path.suffix in _PICTURES and path.exists():
         raise ValueError(f"{path} is the picture of a ROS map: give the .yaml that belongs to it")
     if path.suffix == ".kitasap":

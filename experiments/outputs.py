@@ -14,6 +14,7 @@ from experiments.trial_log import locked
 
 _UNFINISHED = ".kitasap-unfinished"
 """Folder among results for those that are not all written yet."""
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def checked_folder(folder: Path) -> Path:
@@ -53,7 +54,7 @@ def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
             # once more: another command may have ended there before this one had the lock
             _check_results(folder, experiments)
             _remove_unfinished(folder)
-            with _naming(folder):
+            with naming(folder):
                 yield
         finally:  # still locked: else another command may be at work there by now
             for path in made:
@@ -63,13 +64,14 @@ def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
 
 
 @contextmanager
-def _naming(folder: Path) -> Iterator[None]:
-    """Says where, if the disk is full: what is written says so without a name."""
+def naming(path: Path) -> Iterator[None]:
+    """Says where, if the disk is full, or takes no file as large: what is written says so without a
+    name."""
     try:
         yield
     except OSError as error:
-        if error.errno in (errno.ENOSPC, errno.EDQUOT) and error.filename is None:
-            raise OSError(error.errno, error.strerror, str(folder)) from error
+        if error.errno in _FULL and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.evaluation import check_has_poses, evaluated, span
-from experiments.known_maps import check_is_no_folder
+from experiments.known_maps import map_to_continue
 from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_passes import OnScan, best_mapped, mapped_once
 from experiments.slam_result import SlamLog
@@ -20,7 +20,6 @@ from slam.readers.log import Log, LogChoice
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map
 from slam.trajectory import read_tum
 
 
@@ -45,9 +44,7 @@ def run(
     if reference is not None and against is not None:
         check_has_poses(against, reference)
     related = None if relations is None else read_relations(relations)
-    if map_path is not None:
-        check_is_no_folder(map_path)
-    known = None if map_path is None else read_slam_map(map_path)
+    known = None if map_path is None else map_to_continue(map_path)
     if known is not None and start is not None:
         _check_start(known, start)
     mapped = partial(mapped_once, known=known, start=start, on_scan=on_scan, observer=observer)

@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 class _UntilNobodyReads(io.FileIO):
     """A file that takes everything, once nobody reads it any more: the work goes on, and its status says
-    how it ended. is_told_all: else what a full disk does not take is an error as well."""
+    how it ended. is_told_all: what a full disk does not take is an error as well, the first time."""
 
     def __init__(self, descriptor: int, is_told_all: bool) -> None:
         super().__init__(descriptor, "w", closefd=False)
@@ -27,7 +27,8 @@ class _UntilNobodyReads(io.FileIO):
             return written
         except OSError as error:
             if self._is_told_all and not self._is_left(error):
-                raise
+                self._is_told_all = False  # said once, not by the interpreter's end as well
+                raise OSError(error.errno, error.strerror, "standard output") from error
             return len(content)
 
     def _is_left(self, error: OSError) -> bool:

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from slam.readers.log import LogChoice
     from slam.se2 import SE2
 
+_TURN_RAD = 6.3
+"""A whole turn, as it is typed."""
+
 
 def real_log(
     log: Log,
@@ -152,6 +155,10 @@ def _pose(typed: tuple[float, float, float] | None, option: str = "--start") -> 
 
     if typed is not None and not all(map(math.isfinite, typed)):
         raise ValueError(f"{option} takes three finite numbers, not {typed}")
+    if typed is not None and abs(typed[2]) > _TURN_RAD:
+        raise ValueError(
+            f"{option} takes radians, and {typed[2]:g} is more than a turn: is it degrees?"
+        )
     return None if typed is None else SE2(*typed)
 
 

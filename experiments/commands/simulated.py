@@ -32,7 +32,7 @@ from experiments.commands.options import (
     Trials,
     TurnRate,
 )
-from experiments.outputs import checked_bag, checked_file, checked_folder
+from experiments.outputs import checked_bag, checked_file, checked_folder, naming
 
 if TYPE_CHECKING:
     from experiments.film import TrialFilm
@@ -202,7 +202,9 @@ def picture(
         raise ValueError(f"--out takes a PNG file, and {out} is named otherwise")
     simulation = Simulation(place, laser, rng=np.random.default_rng(0))
     pixels = render(simulation, beams_m=simulation.next_frame().ranges_m)
-    print(image_file(out, pixels))
+    with naming(out):
+        image_file(out, pixels)
+    print(out)
 
 
 def calibrate(

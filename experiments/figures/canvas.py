@@ -1,5 +1,6 @@
 """What all figures share: matplotlib without a display, the methods' colours, equal files."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from slam.whole_files import write_whole
 
 COLOURS = {
     "odometry": "#7f7f7f",
@@ -86,7 +89,9 @@ def saved(figure: Any, stem: Path) -> Path:
 
 
 def image_file(path: Path, pixels: np.ndarray) -> Path:
-    """Writes pixels (H, W, 3) as PNG, whatever the file is called."""
+    """Writes pixels (H, W, 3) as PNG, whatever the file is called; whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    plt.imsave(path, pixels, format="png")
+    encoded = io.BytesIO()
+    plt.imsave(encoded, pixels, format="png")
+    write_whole(path, encoded.getvalue())
     return path

@@ -21,7 +21,7 @@ from slam.readers.carmen_lines import (
     laser_of,
     odometry_of,
 )
-from slam.readers.lines import text_lines
+from slam.readers.lines import text_lines, told_if_cut
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.log_odometry import (
     USUAL_NOISE,
@@ -82,8 +82,9 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
     """
     path, config = Path(path), config or CarmenConfig()
     survey = _Survey(path.name, config.fan)
-    for number, fields in _lines(path):
-        survey.add(fields, f"{path.name} line {number}", config)
+    for number, fields, is_cut in _lines(path):
+        with told_if_cut(is_cut):
+            survey.add(fields, f"{path.name} line {number}", config)
     laser = survey.chosen_laser(config)
     has_poses, is_silent = survey.has_poses(laser), survey.is_silent(laser)
     has_odometry = has_poses and not is_silent
@@ -106,7 +107,7 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
 def _records(path: Path, laser: str, fan: Fan) -> Iterator[LogRecord]:
     """The records of a file, one after the other."""
     waiting = ScansBetweenPoses()
-    for number, fields in _lines(path):
+    for number, fields, _ in _lines(path):
         place = f"{path.name} line {number}"
         if fields[0] == "ODOM":
             yield from waiting.add_pose(*odometry_of(fields, place))
@@ -245,14 +246,16 @@ class _Survey:
         return SE2(*mounting)
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The fields of each line that has any, comments left out, with the number of the line."""
+def _lines(path: Path) -> Iterator[tuple[int, list[str], bool]]:
+    """The fields of each line that has any, comments left out, with the number of the line before them
+    and whether the line has no end behind."""
     for number, line in text_lines(path, "a CARMEN log"):
-        fields = line.split()
-        if fields and not line.endswith("\n") and _is_cut(fields[0]):
-            raise ValueError(f"{path.name} line {number}: cut within its first word")
+        fields, is_cut = line.split(), not line.endswith("\n")
+        if fields and is_cut and _is_cut(fields[0]):
+            with told_if_cut(is_cut):
+                raise ValueError(f"{path.name} line {number}: cut within its first word")
         if fields and not fields[0].startswith("#"):
-            yield number, fields
+            yield number, fields, is_cut
 
 
 def _is_cut(word: str) -> bool:

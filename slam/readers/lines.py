@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from slam.whole_files import opened
@@ -50,3 +51,15 @@ def text_lines(path: Path, kind: str) -> Iterator[tuple[int, str]]:
         raise ValueError(
             f"{path.name}: the gzip file is cut or damaged after line {number} ({error})"
         ) from error
+
+
+@contextmanager
+def told_if_cut(is_cut: bool) -> Iterator[None]:
+    """Says of what is wrong within that it is the last line's, which has no line end, and what to do."""
+    try:
+        yield
+    except ValueError as error:
+        if not is_cut:
+            raise
+        said = "it is the last line and has no line end, as if cut: take it out"
+        raise ValueError(f"{error}; {said}") from error

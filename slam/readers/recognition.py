@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from slam.readers.carmen import CarmenConfig, read_carmen
 from slam.readers.carmen_lines import KEYWORDS
@@ -16,6 +17,8 @@ from slam.whole_files import opened
 _LINES_LOOKED_AT = 1000
 """Chosen: logs begin with comments and parameters, at most some hundred."""
 _BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+_OF_BAG_FOLDERS = ("metadata.yaml", *(f"*{suffix}" for suffix in _BAG_SUFFIXES))
+_NO_BAG = f"{', '.join(_OF_BAG_FOLDERS[:-1])} or {_OF_BAG_FOLDERS[-1]}"
 _BAG_MAGICS = (b"#ROSBAG V", b"\x89MCAP", b"SQLite format 3\0")
 _EXPECTED = (
     f"a CARMEN log (lines {', '.join(KEYWORDS)}) or encoder ticks and ranges"
@@ -33,25 +36,48 @@ def read_log(path: str | Path, choice: LogChoice | None = None) -> Log:
     path, choice = Path(path), choice or LogChoice()
     if _is_bag(path):
         return _read_bag(path, choice)
-    T_base_laser, found = choice.T_base_laser, "is empty"
+    T_base_laser = choice.T_base_laser
+    kind, found = _kind_of_text(path)
+    if kind is None:
+        raise ValueError(f"{path.name}: {found}; expected {_EXPECTED}")
+    if choice.scan_topic is not None or choice.odom_topic is not None:
+        raise ValueError(
+            f"{path.name}: --scan-topic and --odom-topic are of ROS bags, and this is none"
+        )
+    if kind == "carmen":
+        return read_carmen(path, CarmenConfig(T_base_laser=T_base_laser))
+    ticks = TicksConfig()
+    return read_ticks(
+        path, ticks if T_base_laser is None else replace(ticks, T_base_laser=T_base_laser)
+    )
+
+
+def is_log(path: Path) -> bool:
+    """Whether a file begins as a log does, be it cut or damaged further on.
+
+    Raises OSError when it cannot be opened.
+    """
+    try:
+        return path.is_file() and (_is_bag(path) or _kind_of_text(path)[0] is not None)
+    except ValueError:  # binary, and no bag
+        return False
+
+
+def _kind_of_text(path: Path) -> tuple[Literal["carmen", "ticks"] | None, str]:
+    """What log a text is, and how it begins if it is none, in words."""
+    found = "is empty"
     for number, line in text_lines(path, _EXPECTED):
         fields = line.split()
         if fields and fields[0] in KEYWORDS:
-            _check_has_no_topics(path, choice)
-            return read_carmen(path, CarmenConfig(T_base_laser=T_base_laser))
+            return "carmen", ""
         if fields and not fields[0].startswith("#"):
             if len(fields) > FIRST_RANGE and all(map(is_number, fields)):
-                _check_has_no_topics(path, choice)
-                config = TicksConfig()
-                return read_ticks(
-                    path,
-                    config if T_base_laser is None else replace(config, T_base_laser=T_base_laser),
-                )
+                return "ticks", ""
             if found == "is empty":
                 found = f"line {number} begins '{' '.join(fields)[:40]}'"
         if number >= _LINES_LOOKED_AT:
             break
-    raise ValueError(f"{path.name}: {found}; expected {_EXPECTED}")
+    return None, found
 
 
 def _is_bag(path: Path) -> bool:
@@ -63,21 +89,15 @@ def _is_bag(path: Path) -> bool:
 
 
 def _read_bag(path: Path, choice: LogChoice) -> Log:
-    if path.is_dir() and not any(path.iterdir()):
-        # said without rosbags, too
-        raise ValueError(f"{path.name} is an empty folder: no log, nor does it hold a bag's file")
+    name = path.name or path  # the current folder has none
+    # said without rosbags, too
+    if path.is_dir() and not any(any(path.glob(each)) for each in _OF_BAG_FOLDERS):
+        raise ValueError(f"{name}: is a folder without {_NO_BAG}: give the log")
     try:
         from slam.readers.ros_bag import read_ros_bag
     except ImportError as error:
         raise ImportError(
-            f"{path.name} is a ROS bag, and to read it {error.name} is missing:"
+            f"{name} is a ROS bag, and to read it {error.name} is missing:"
             " pip install 'kitasap[ros]'"
         ) from error
     return read_ros_bag(path, choice)
-
-
-def _check_has_no_topics(path: Path, choice: LogChoice) -> None:
-    if choice.scan_topic is not None or choice.odom_topic is not None:
-        raise ValueError(
-            f"{path.name}: --scan-topic and --odom-topic are of ROS bags, and this is none"
-        )

@@ -18,7 +18,7 @@ import numpy as np
 from slam.arrays import BoolArray, FloatArray
 from slam.measurements import LATEST_S, LaserScan
 from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
-from slam.readers.lines import text_lines
+from slam.readers.lines import text_lines, told_if_cut
 from slam.readers.log import Log, LogRecord, LogRecords
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
@@ -181,12 +181,14 @@ def _lines(path: Path, config: TicksConfig) -> Iterator[_TicksLine]:
         if not fields or fields[0].startswith("#"):
             continue
         expected = expected or len(fields)
-        if len(fields) <= FIRST_RANGE or len(fields) != expected:
-            least = expected if expected > FIRST_RANGE else f"more than {FIRST_RANGE}"
-            raise ValueError(
-                f"{place}: a line of ticks and ranges has {least} fields, found {len(fields)}"
-            )
-        yield _line(fields, place, config)
+        with told_if_cut(not text.endswith("\n")):
+            if len(fields) <= FIRST_RANGE or len(fields) != expected:
+                least = expected if expected > FIRST_RANGE else f"more than {FIRST_RANGE}"
+                raise ValueError(
+                    f"{place}: a line of ticks and ranges has {least} fields, found {len(fields)}"
+                )
+            read = _line(fields, place, config)
+        yield read
 
 
 def _line(fields: list[str], place: str, config: TicksConfig) -> _TicksLine:

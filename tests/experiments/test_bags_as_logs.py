@@ -36,6 +36,10 @@ def test_bag_is_mapped_and_localised_on_its_map(tmp_path, capsys):
     [
         (["slam", LOG, "--scan-topic", "/scan"], "are of ROS bags, and this is none"),
         (["localize", "map.yaml", LOG, "--mount", "nan", "0", "0"], "--mount takes three finite"),
+        (
+            ["localize", "map.yaml", LOG, "--mount", "0", "0", "180"],
+            "--mount takes radians, and 180",
+        ),
     ],
 )
 def test_option_that_does_not_serve_is_refused(tmp_path, capsys, arguments, said):

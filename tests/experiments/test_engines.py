@@ -86,6 +86,32 @@ def test_long_trial_without_a_limit_is_told_of_and_a_second_interrupt_ends_it(mo
     ]
 
 
+def test_trial_whose_process_dies_after_an_interrupt_is_not_begun_again(monkeypatch):
+    original = ProcessCrew.events
+    is_interrupted = False
+
+    def events(crew, timeout_s):
+        nonlocal is_interrupted
+        if is_interrupted:
+            for hand in crew._hands.values():  # as a SIGTERM for all processes of a group
+                hand._process.terminate()
+        heard = original(crew, timeout_s)
+        if not is_interrupted and any(isinstance(event, engines.Ready) for event in heard):
+            monkeypatch.setattr(engines._Foreman, "_patience_s", interrupting)
+        return heard
+
+    def interrupting(_):
+        nonlocal is_interrupted
+        if not is_interrupted:
+            is_interrupted = True
+            monkeypatch.setattr(ProcessCrew, "hire", lambda _: pytest.fail("begun again"))
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProcessCrew, "events", events)
+    with at_work(local_engine(2), HangingTask(at=1)) as work, pytest.raises(KeyboardInterrupt):
+        list(work([1]))
+
+
 def test_processes_that_never_get_ready_end_the_run():
     with (
         pytest.raises(RuntimeError, match=r"die at once \(with status 3\)"),

@@ -1,6 +1,5 @@
 """A folder that cannot be written is refused before anything is worked out for it."""
 
-import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -329,12 +328,3 @@ def test_what_stands_behind_two_dashes_and_a_viewer_without_a_file_are_no_empty_
 def test_option_of_several_numbers_says_so(capsys):
     said = refusal(capsys, "slam", LOG, "--start", "1", "2", "--out", "a")
     assert said.endswith("(--start takes 3 values: X Y THETA)")
-
-
-@pytest.mark.parametrize(
-    ("number", "is_named"), [(errno.ENOSPC, True), (errno.EDQUOT, True), (errno.EIO, False)]
-)
-def test_full_disk_says_of_which_folder(tmp_path, number, is_named):
-    with pytest.raises(OSError, match="Errno") as caught, results_of_one(tmp_path, "slam"):
-        raise OSError(number, os.strerror(number))  # as a file says that is being written
-    assert (str(tmp_path) in str(caught.value)) is is_named

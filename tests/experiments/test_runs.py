@@ -289,14 +289,20 @@ def test_killed_run_is_finished_by_the_same_command(tmp_path, kidnap_arguments, 
 
 @pytest.mark.slow
 @needs_proc
-def test_interrupted_run_loses_nothing_that_was_finished(tmp_path, kidnap_arguments, whole_run):
+@pytest.mark.parametrize(
+    ("number", "status", "how"),
+    [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")],
+)
+def test_interrupted_run_loses_nothing_that_was_finished(
+    tmp_path, kidnap_arguments, whole_run, number, status, how
+):
     log = tmp_path / "kidnap/trials.jsonl"
     process = started(kidnap_arguments, tmp_path)
     assert wait_until(lambda: lines_in(log) >= 3)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the workers as well
+    os.killpg(process.pid, number)  # as a terminal does: to the workers as well
     _, said = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert said.splitlines()[-1] == "kitasap: interrupted; the same command goes on from here"
+    assert process.returncode == status
+    assert said.splitlines()[-1] == f"kitasap: {how}; the same command goes on from here"
     assert "Traceback" not in said
     text = log.read_bytes()
     assert 3 <= text.count(b"\n") < KIDNAPS

@@ -204,6 +204,8 @@ def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, c
 def test_map_to_continue_is_refused_in_one_line(folder, tmp_path, capsys):
     path = folder / "map.kitasap"
     assert "give --map as well" in refusal(capsys, "slam", LOG, "--start", "0", "0", "0")
+    arguments = ("slam", LOG, "--map", "map.kitasap", "--start", "0", "0", "90")
+    assert refusal(capsys, *arguments).startswith("--start takes radians, and 90 is more than")
     line = refusal(capsys, "slam", LOG, "--map", path, "--out", folder)
     assert "holds the map that is continued" in line
     line = refusal(capsys, "slam", LOG, "--map", folder / "map.pgm", "--out", tmp_path / "out")

@@ -156,3 +156,36 @@ def test_signs_are_written_as_the_streams_were_told_to():
     assert done.stdout == b"\xe4&#9731;\n"
     # what cannot be written to standard error is always escaped
     assert done.stderr == b"\xe4\\u2603\n"
+
+
+@pytest.mark.parametrize("lines", [1, 20000])
+def test_results_that_no_disk_takes_are_said_in_one_line(lines):
+    code = (
+        "import experiments.cli as cli\n"
+        f"cli.app.command('say')(lambda: print(*range({lines}), sep='\\n'))\n"
+        "cli.entry()"
+    )
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, "say"],
+            check=False, stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert done.stderr == "kitasap: standard output: No space left on device\n"
+    assert done.returncode == 2
+
+
+def test_refusal_stays_the_only_line_though_no_disk_takes_what_was_said_before():
+    code = (
+        "import experiments.cli as cli\n"
+        "@cli.app.command('say')\n"
+        "def say():\n"
+        "    print('said')\n"
+        "    raise ValueError('wrong')\n"
+        "cli.entry()"
+    )
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, "say"],
+            check=False, stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (2, "kitasap: wrong\n")

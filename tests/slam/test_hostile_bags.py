@@ -5,6 +5,7 @@ import struct
 import sys
 import tracemalloc
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from rosbags.rosbag2 import CompressionMode
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from tests.slam.turtlebot import BEAMS, START_S, Frames, Recording, Sweep, _Messages, write_bag
+
+NO_BAG = "is a folder without metadata.yaml, *.bag, *.mcap or *.db3: give the log"
 
 
 @dataclass
@@ -155,7 +158,21 @@ def test_folder_without_metadata_names_the_file_that_it_has(tmp_path):
     assert refused(tmp_path / "b").endswith("give one of its files: b.mcap")
     (tmp_path / "empty").mkdir()
     said = refused(tmp_path / "empty")
-    assert said == "empty is an empty folder: no log, nor does it hold a bag's file"
+    assert said == f"empty: {NO_BAG}"
+
+
+def test_folder_without_a_bag_is_said_to_be_none_though_no_library_reads_bags(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "slam.readers.ros_bag", None)
+    (tmp_path / "notes.txt").touch()
+    monkeypatch.chdir(tmp_path)
+    assert refused(Path()) == f".: {NO_BAG}"
+    (tmp_path / "metadata.yaml").touch()
+    with pytest.raises(
+        ImportError, match=r"^\. is a ROS bag, and to read it slam\.readers\.ros_bag"
+    ):
+        read_log(Path())
 
 
 @pytest.mark.parametrize(
