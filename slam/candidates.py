@@ -130,9 +130,11 @@ class Candidates:
     ) -> bool:
         """Whether a match is to be believed rather than the one where the wheels lead."""
         config, better = self._config, self._config.better
-        is_near = match.T_map_base.is_near(told.T_map_base, config.most_off_m, math.inf)
-        if not (is_near or told.others):
-            return False
+        if not match.T_map_base.is_near(told.T_map_base, config.most_off_m, math.inf):
+            # over a long way wheels are no more than a guess, and yet know how far off they may be
+            is_denied = told.squared(match) > told.noise * config.surely_wrong
+            if not told.others or (is_denied and not told.is_coasting):
+                return False
         if told.squared(match) > config.trust:
             better = self._better_against(match, led, points, beams)
         return match.cost < led.cost - better

@@ -1,0 +1,42 @@
+"""Which poses of a scan are believed rather than where the wheels lead."""
+
+import numpy as np
+import pytest
+
+from slam.candidates import Candidates, Prediction
+from slam.front_end_config import FrontEndConfig
+from slam.se2 import SE2
+from slam.surface_map import SurfaceMap, SurfaceMatch
+
+NOWHERE = np.zeros((0, 3))
+
+
+def match(x_m: float, cost: float) -> SurfaceMatch:
+    nothing = np.zeros((3, 3))
+    return SurfaceMatch(SE2(x_m, 0.0, 0.0), nothing, nothing, 1.0, 0.9, cost, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("off_m", "sigma_m", "is_coasting", "is_believed"),
+    [
+        (1.0, 0.1, False, True),  # odometry that jumped a little, or late
+        # aces, a third of its scans lost: 4.4 m on, the other end of a corridor fitted, and was good
+        (3.6, 0.35, False, False),
+        (3.6, 1.6, False, True),  # odometry that may have jumped
+        (3.6, 0.35, True, True),  # nobody measured the way
+        (3.6, 0.1, False, False),
+    ],
+)
+def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
+    monkeypatch, off_m, sigma_m, is_coasting, is_believed
+):
+    candidates = Candidates(SurfaceMap(), [], FrontEndConfig())
+    # where wheels lead the last keyframes deny a scan, at the other place they do not
+    denied = {0.0: (100, 32), off_m: (100, 4)}
+    monkeypatch.setattr(candidates, "denied", lambda pose, *_: denied[pose.x])
+    P = np.eye(3) * sigma_m**2
+    here = SE2.identity()
+    told = Prediction(SE2(off_m, 0.0, 0.0), here, P, np.linalg.inv(P), 1.0, is_coasting)
+    found, led = match(off_m, 0.2), match(0.0, 0.6)
+    beams = None  # nobody asks these
+    assert candidates.is_better(found, led, told, NOWHERE, beams) is is_believed
