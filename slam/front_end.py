@@ -19,7 +19,7 @@ from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.loose_runs import LooseRuns
 from slam.measurements import Measurement
-from slam.open_matches import is_one_place
+from slam.open_matches import REACH_M, is_one_place
 from slam.open_runs import OpenRun
 from slam.pauses import Pauses
 from slam.se2 import SE2
@@ -289,7 +289,13 @@ class FrontEnd:
         it do, if they fit in one place; wheels tell more than these, and are held to."""
         if match.least_facing >= self.config.least_facing:
             return False
-        return not (told.is_coasting and is_one_place(self._window.surfaces, points, match))
+        # farther on, the next of recesses that look the same may be within reach
+        is_short = all(
+            told.T_last.is_near(one, REACH_M, math.inf)
+            for one in (told.T_map_base, match.T_map_base)
+        )
+        is_alone = told.is_coasting and is_short
+        return not (is_alone and is_one_place(self._window.surfaces, points, match))
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:

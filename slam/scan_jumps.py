@@ -44,7 +44,7 @@ def scan_jumps(
     speeds_mps = np.hypot(*velocities_mps.T)
     apart_m = _apart_mps(velocities_mps, _is_placed_by_scans(own, told)) * intervals_s
     # what jumped says nothing of how fast the robot drives
-    usual_mps = speeds_mps[(speeds_mps > _MOVES_MPS) & (apart_m <= _APART_M)]
+    usual_mps = speeds_mps[(speeds_mps > _MOVES_MPS) & ~(apart_m > _APART_M)]
     if len(usual_mps) < _LEAST:
         return []
     is_fast = speeds_mps > _FASTER * np.quantile(usual_mps, _USUAL)

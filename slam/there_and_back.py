@@ -30,6 +30,11 @@ _LEAST_M = 0.3
 _TRUST = 20.0
 """Of the wheels' normalised error squared over all of a run, up to which they are believed; and of that to
 the keyframes in it, beyond which these are elsewhere. As in `FrontEndConfig`."""
+_LATER, _LATE_M = 4, 0.15
+"""Steps after a run in which wheels may not tell of other ways than scans, and by how much: those that are
+late show then where the robot had been."""
+_SILENT_M = 1e-3
+"""A step of which wheels tell nothing: they may be silent while the robot drives."""
 _SMOOTHER = 0.3
 """Share of the unevenness of the way as scans have it, that wheels may show: those that tell of a way late
 stop where scans go on."""
@@ -83,7 +88,9 @@ def put_on_the_way(
                 for one in told[k - 1 - first : k + run + 1 - first]
             ]
             is_broken = any(keyframes[at].is_break for at in range(k, k + run))
-            way = None if is_broken else _way(moved[k - 2 : k + run + 1], steps)
+            later = slice(k + run - first + 1, k + run - first + 1 + _LATER)
+            is_late = _disagree(moved[k + run : k + run + 1 + _LATER], told[later])
+            way = None if is_broken or is_late else _way(moved[k - 2 : k + run + 1], steps)
             if way is None:
                 continue
             for at, (motion, step) in enumerate(zip(way, steps[1:], strict=True), start=k):
@@ -94,7 +101,8 @@ def put_on_the_way(
                 moved[at] = (SE2.from_array(moved[at - 1]) @ motion).as_array()
                 found[at] = found[at].place_alone()
                 strays.append(at)
-    kept = [loop for loop in loops if loop.earlier not in strays and loop.later not in strays]
+    gone = set(strays)
+    kept = [loop for loop in loops if loop.earlier not in gone and loop.later not in gone]
     return found, kept, moved, strays
 
 
@@ -102,7 +110,7 @@ def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
     """The motions of all steps but the first, as wheels tell them, each changed by its share so that they
     end at the last pose; None if wheels lead elsewhere, or not aside of all poses in between, or are no
     smoother than these. poses: (N + 1, 3), of which steps (N) lead from one to the next."""
-    if any(step.is_guess for step in steps):
+    if any(step.is_guess or _way_m(step.motion) < _SILENT_M for step in steps):
         return None
     placed = [SE2.from_array(pose) for pose in poses]
     _, T_before, *aside, T_after = placed
@@ -119,6 +127,20 @@ def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
     seen = [one.inverse() @ other for one, other in pairwise(placed)]
     by_wheels = _unevenness_m([step.motion for step in steps])
     return motions if is_aside and by_wheels < _SMOOTHER * _unevenness_m(seen) else None
+
+
+def _disagree(poses: FloatArray, told: Sequence[ToldStep]) -> bool:
+    """Whether wheels tell of another way than poses (N + 1, 3) in any of the steps between these."""
+    placed = [SE2.from_array(pose) for pose in poses]
+    seen = [one.inverse() @ other for one, other in pairwise(placed)]
+    return any(
+        math.hypot(one.x - step.motion.x, one.y - step.motion.y) > _LATE_M
+        for one, step in zip(seen, told, strict=True)
+    )
+
+
+def _way_m(motion: SE2) -> float:
+    return math.hypot(motion.x, motion.y)
 
 
 def _unevenness_m(motions: Sequence[SE2]) -> float:

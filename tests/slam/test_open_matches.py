@@ -8,12 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from slam.candidates import Prediction
 from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
 from slam.measurements import Measurement
 from slam.open_matches import closed_match, is_one_place
 from slam.se2 import SE2
-from slam.surface_map import SurfaceMap, faced
+from slam.surface_map import SurfaceMap, SurfaceMatch, faced
 from tests.slam.synthetic import box, room, scan_of
 
 BARE = room(-30.0, -1.0, 30.0, 1.0)
@@ -169,3 +170,19 @@ def test_a_robot_without_wheels_that_brakes_between_doors_knows_how_far_it_went(
         steps.append(front_end.update(told))
     assert np.mean([step.is_open for step in steps[1:]]) < 0.2 if is_told else steps[-1].is_open
     assert front_end.T_map_base.is_near(pose, 0.05, 0.02) is is_told
+
+
+@pytest.mark.parametrize(
+    ("led_m", "way_m", "is_open"),
+    [(0.5, 0.5, False), (0.8, 0.8, True), (0.8, 0.5, True), (0.5, 0.8, True)],
+)
+def test_after_a_long_way_a_scan_may_be_at_the_next_of_recesses_alike(
+    monkeypatch, led_m, way_m, is_open
+):
+    # recesses each 1.2 m, scans 0.6 m apart and more: 4 m off and good
+    monkeypatch.setattr("slam.front_end.is_one_place", lambda *_: True)
+    last, nothing = SE2(2.0, 1.0, 0.3), np.zeros((3, 3))
+    led, there = (last @ SE2(one, 0.0, 0.0) for one in (led_m, way_m))
+    told = Prediction(last, led, np.eye(3), np.eye(3), 1.0, is_coasting=True)
+    match = SurfaceMatch(there, nothing, nothing, 1.0, 1.0, 0.1, 1.0)
+    assert FrontEnd(SE2.identity())._is_open(match, np.zeros((0, 3)), told) is is_open

@@ -111,6 +111,16 @@ def test_the_first_and_the_last_scan_may_have_jumped(at):
     assert said_of(driven(step_m))[0].startswith(f"at {5.0 + STEP_S * at:.2f} s")
 
 
+def test_wheels_that_fell_silent_had_told_how_fast_the_robot_drives():
+    at, step_m = 50, np.full(COUNT, STEP_M)
+    step_m[at] += 0.9
+    step_m[at + 1] -= 0.9
+    steps = driven(step_m)
+    told = [ToldStep(SE2.identity(), TOLD)] * 45
+    told += [ToldStep(SE2.identity(), GUESS)] * (len(steps) - FIRST - len(told))
+    assert scan_jumps(steps, FIRST, told, POSES)[0].startswith(f"at {5.0 + STEP_S * at:.2f} s")
+
+
 @pytest.mark.parametrize("beside", [-2, 1])
 def test_a_scan_that_tells_nothing_beside_one_that_jumps_hides_it_not(beside):
     blind = with_status(driven(steps_with(0.6, -0.6)), AT + beside, StepStatus.CARRIED)

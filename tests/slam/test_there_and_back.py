@@ -138,3 +138,31 @@ def test_scans_that_broke_off_may_be_anywhere_but_where_they_come_back_to_the_wa
     found, _, _, put_back = put_on_the_way(torn, [], poses, told())
     assert put_back == [AT, AT + 1]
     assert (found[AT + 2].covariance == 0.25 * np.eye(3)).all()
+
+
+def test_silent_wheels_put_nobody_back():
+    # turned on the spot, went half a metre there and back of which wheels told nothing
+    silent = told()
+    for k in range(AT - 1, AT + 2):
+        silent[k] = ToldStep(SE2.identity(), SURE)
+    still = way()
+    still[AT - 1 :] = poses_from(still[AT - 2], COUNT - AT + 1, still=3)
+    still[AT] = (SE2.from_array(still[AT]) @ SE2(0.5, 0.0, 0.0)).as_array()
+    assert put_on_the_way(KEYFRAMES, [], still, silent)[3] == []
+
+
+def poses_from(start: np.ndarray, count: int, still: int) -> np.ndarray:
+    """(count, 3) poses after one: some at the same place, then on."""
+    poses = [SE2.from_array(start)]
+    for k in range(count):
+        poses.append(poses[-1] @ (SE2.identity() if k < still else STEP))
+    return np.array([pose.as_array() for pose in poses[1:]])
+
+
+@pytest.mark.parametrize("late", [2, 3, 4])
+def test_wheels_that_tell_of_a_detour_late_put_nobody_back(late):
+    poses, steps = aside([AT], SE2(0.0, 0.6, 0.0)), told()
+    for k in (AT, AT + 1):
+        start, end = (SE2.from_array(pose) for pose in poses[k - 1 : k + 1])
+        steps[k + late] = ToldStep(start.inverse() @ end, SURE)
+    assert put_on_the_way(KEYFRAMES, [], poses, steps)[3] == []
