@@ -143,7 +143,7 @@ def may_have_strayed(
         for run in set(config.runs)
         if k + run < len(keyframes)
     )
-    return any(_apart_m(way, SE2.from_array(poses[k])) >= config.least_m for k, way in ways)
+    return any(apart_m(way, SE2.from_array(poses[k])) >= config.least_m for k, way in ways)
 
 
 class _Search:
@@ -181,7 +181,7 @@ class _Search:
         best, stays = self._matched(poses, (before, k, after), T_back)
         if best is None or stays is None:
             return None
-        has_slid = _apart_m(stays.T_map_base, best.T_map_base) < 0.5 * self._config.least_m
+        has_slid = apart_m(stays.T_map_base, best.T_map_base) < 0.5 * self._config.least_m
         return best if has_slid or best.cost < stays.cost - self._config.better else None
 
     def _matched(
@@ -192,7 +192,7 @@ class _Search:
         before, k, after = at
         config, points, nothing = self._config, self._keyframes[k].faced, np.zeros((3, 3))
         T_now = SE2.from_array(poses[k])
-        off_m = _apart_m(T_way, T_now)
+        off_m = apart_m(T_way, T_now)
         if off_m < config.least_m:
             return None, None
         self._learn(poses, before, after)
@@ -201,7 +201,7 @@ class _Search:
         matches = [stays, *(self._surfaces.match(points, one, one, nothing) for one in starts)]
         self._surfaces.clear()
         best = min(
-            (one for one in matches if _apart_m(T_way, one.T_map_base) < config.nearer * off_m),
+            (one for one in matches if apart_m(T_way, one.T_map_base) < config.nearer * off_m),
             key=lambda one: one.cost,
             default=None,
         )
@@ -246,5 +246,6 @@ def _way(
     return T_start @ SE2.exp(share * way)
 
 
-def _apart_m(one: SE2, other: SE2) -> float:
+def apart_m(one: SE2, other: SE2) -> float:
+    """Between two places [m], however the poses are turned."""
     return math.hypot(other.x - one.x, other.y - one.y)

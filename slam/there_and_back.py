@@ -18,7 +18,7 @@ from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.open_runs import EXACTLY, tied
 from slam.se2 import SE2
-from slam.strays import StrayConfig, ToldStep, without_strays
+from slam.strays import StrayConfig, ToldStep, apart_m, without_strays
 from slam.surface_map import SurfaceMapConfig
 from slam.wheels_borne_out import shown_noise
 
@@ -110,7 +110,9 @@ def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
     """The motions of all steps but the first, as wheels tell them, each changed by its share so that they
     end at the last pose; None if wheels lead elsewhere, or not aside of all poses in between, or are no
     smoother than these. poses: (N + 1, 3), of which steps (N) lead from one to the next."""
-    if any(step.is_guess or _way_m(step.motion) < _SILENT_M for step in steps):
+    if any(
+        step.is_guess or step.motion.is_near(SE2.identity(), _SILENT_M, math.inf) for step in steps
+    ):
         return None
     placed = [SE2.from_array(pose) for pose in poses]
     _, T_before, *aside, T_after = placed
@@ -120,29 +122,28 @@ def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
     way = [replace(step, motion=one) for step, one in zip(steps[1:], motions, strict=True)]
     T_way = list(accumulate(motions, operator.matmul, initial=T_before))[1:-1]
     is_aside = all(
-        math.hypot(one.x - other.x, one.y - other.y) >= _LEAST_M
+        apart_m(one, other) >= _LEAST_M
         and ToldStep.of(way[: count + 1]).squared(T_before, other) > _TRUST
         for count, (one, other) in enumerate(zip(T_way, aside, strict=True))
     )
-    seen = [one.inverse() @ other for one, other in pairwise(placed)]
     by_wheels = _unevenness_m([step.motion for step in steps])
-    return motions if is_aside and by_wheels < _SMOOTHER * _unevenness_m(seen) else None
+    return motions if is_aside and by_wheels < _SMOOTHER * _unevenness_m(_motions(poses)) else None
 
 
 def _disagree(poses: FloatArray, told: Sequence[ToldStep]) -> bool:
     """Whether wheels tell of another way than poses (N + 1, 3) in any of the steps between these."""
-    placed = [SE2.from_array(pose) for pose in poses]
-    seen = [one.inverse() @ other for one, other in pairwise(placed)]
     return any(
-        math.hypot(one.x - step.motion.x, one.y - step.motion.y) > _LATE_M
-        for one, step in zip(seen, told, strict=True)
+        apart_m(one, step.motion) > _LATE_M
+        for one, step in zip(_motions(poses), told, strict=True)
     )
 
 
-def _way_m(motion: SE2) -> float:
-    return math.hypot(motion.x, motion.y)
+def _motions(poses: FloatArray) -> list[SE2]:
+    """(N) from each of poses (N + 1, 3) to the next."""
+    placed = [SE2.from_array(pose) for pose in poses]
+    return [one.inverse() @ other for one, other in pairwise(placed)]
 
 
 def _unevenness_m(motions: Sequence[SE2]) -> float:
     """By how much motions differ, each from the one before, added up."""
-    return sum(math.hypot(other.x - one.x, other.y - one.y) for one, other in pairwise(motions))
+    return sum(apart_m(one, other) for one, other in pairwise(motions))

@@ -158,6 +158,15 @@ def test_signs_are_written_as_the_streams_were_told_to():
     assert done.stderr == b"\xe4\\u2603\n"
 
 
+def said_to_a_full_disk(code: str) -> subprocess.CompletedProcess[str]:
+    """The command `say` of a program, whose results no disk takes."""
+    with Path("/dev/full").open("w") as full:
+        return subprocess.run(
+            [sys.executable, "-c", code, "say"],
+            check=False, stdout=full, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+
 @pytest.mark.parametrize("lines", [1, 20000])
 def test_results_that_no_disk_takes_are_said_in_one_line(lines):
     code = (
@@ -165,11 +174,7 @@ def test_results_that_no_disk_takes_are_said_in_one_line(lines):
         f"cli.app.command('say')(lambda: print(*range({lines}), sep='\\n'))\n"
         "cli.entry()"
     )
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-c", code, "say"],
-            check=False, stdout=full, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+    done = said_to_a_full_disk(code)
     assert done.stderr == "kitasap: standard output: No space left on device\n"
     assert done.returncode == 2
 
@@ -183,9 +188,5 @@ def test_refusal_stays_the_only_line_though_no_disk_takes_what_was_said_before()
         "    raise ValueError('wrong')\n"
         "cli.entry()"
     )
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-c", code, "say"],
-            check=False, stdout=full, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+    done = said_to_a_full_disk(code)
     assert (done.returncode, done.stderr) == (2, "kitasap: wrong\n")
