@@ -133,8 +133,7 @@ def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
 def _disagree(poses: FloatArray, told: Sequence[ToldStep]) -> bool:
     """Whether wheels tell of another way than poses (N + 1, 3) in any of the steps between these."""
     return any(
-        apart_m(one, step.motion) > _LATE_M
-        for one, step in zip(_motions(poses), told, strict=True)
+        apart_m(one, step.motion) > _LATE_M for one, step in zip(_motions(poses), told, strict=True)
     )
 
 
