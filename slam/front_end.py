@@ -19,7 +19,7 @@ from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop
 from slam.loose_runs import LooseRuns
 from slam.measurements import Measurement
-from slam.open_matches import REACH_M, is_one_place
+from slam.open_matches import is_one_place
 from slam.open_runs import OpenRun
 from slam.pauses import Pauses
 from slam.se2 import SE2
@@ -285,17 +285,16 @@ class FrontEnd:
         )
 
     def _is_open(self, match: SurfaceMatch, points: FloatArray, told: Prediction) -> bool:
-        """Whether a scan leaves a direction open. Where nothing else tells of the way, few surfaces across
-        it do, if they fit in one place; wheels tell more than these, and are held to."""
-        if match.least_facing >= self.config.least_facing:
-            return False
-        # farther on, the next of recesses that look the same may be within reach
-        is_short = all(
-            told.T_last.is_near(one, REACH_M, math.inf)
+        """Whether a scan leaves a direction open. Where nothing else tells of the way, surfaces across it
+        tell, be they ever so few, if they fit in one place; wheels tell more than a few, and are held to."""
+        config, is_little = self.config, match.least_facing < self.config.least_facing
+        if not told.is_coasting or match.least_facing >= config.ample_facing:
+            return is_little
+        way_m = max(
+            math.hypot(one.x - told.T_last.x, one.y - told.T_last.y)
             for one in (told.T_map_base, match.T_map_base)
         )
-        is_alone = told.is_coasting and is_short
-        return not (is_alone and is_one_place(self._window.surfaces, points, match))
+        return not is_one_place(self._window.surfaces, points, match, way_m)
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:

@@ -22,9 +22,9 @@ _SLID_BETTER = 0.01
 """Cost by which surfaces across the open direction must make a slid match the better one: they are a
 few points of a scan. Chosen."""
 
-REACH_M = 0.6
-"""How far a scan is slid to either side, and a third and two thirds as far. Chosen: recesses each
-1.2 m made maps wrong and good where scans without wheels were farther apart; intel's are half a metre."""
+_REACH_M, _APART_M = 0.6, 0.2
+"""How far a scan is slid to either side at least, and from one try to the next. Chosen: after a longer
+way, as far as that, since recesses each 1 to 1.5 m made maps wrong and good."""
 _BACK = 0.05, 0.1
 """[m], [rad] within which matches from all these end in one place. Chosen: in corridors with recesses of
 a hand's breadth each of 2000 did, between bare walls one of a hundred by noise. That others cost more
@@ -34,9 +34,12 @@ _HELD = 0.1, 0.1
 along draw a scan farther between bare walls, of which one map was 4 m off."""
 
 
-def is_one_place(surfaces: SurfaceMap, points: FloatArray, match: SurfaceMatch) -> bool:
+def is_one_place(
+    surfaces: SurfaceMap, points: FloatArray, match: SurfaceMatch, way_m: float
+) -> bool:
     """Whether faced points (N, 3) fit in one place alone along the direction that their match leaves
-    open: slid along it to either side they come back by nothing but what they see.
+    open: slid along it to either side they come back by nothing but what they see. way_m: from the last
+    scan's; as far off they may be at the next of recesses that look alike.
 
     Information says how surfaces face, and takes a scan's errors to go together; the sides of shallow
     recesses are few, and yet each of them tells.
@@ -47,9 +50,11 @@ def is_one_place(surfaces: SurfaceMap, points: FloatArray, match: SurfaceMatch) 
     alone = surfaces.match(points, match.T_map_base, match.T_map_base, nothing)
     if not alone.T_map_base.is_near(match.T_map_base, *_HELD):
         return False
+    reach_m = max(_REACH_M, way_m)
+    slides_m = np.linspace(0.0, reach_m, 1 + round(reach_m / _APART_M))[1:]
     starts = (
-        alone.T_map_base @ SE2.exp(sign * way_m * slide)
-        for way_m in (REACH_M / 3.0, REACH_M / 1.5, REACH_M)
+        alone.T_map_base @ SE2.exp(sign * slid_m * slide)
+        for slid_m in slides_m
         for sign in (1.0, -1.0)
     )
     return all(

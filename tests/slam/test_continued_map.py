@@ -286,3 +286,33 @@ def test_a_session_without_a_scan_that_sees_is_continued():
     slam_map = Mapper.continued(empty, ring.T_BASE_LASER).finish()
     assert slam_map.keyframes == ()
     assert not slam_map.verdict.is_good
+
+
+@pytest.mark.parametrize(
+    ("is_of_first", "is_doubted"), [(False, False), (True, False), (False, True)]
+)
+def test_a_keyframe_aside_is_put_back_if_it_is_of_the_session(first, is_of_first, is_doubted):
+    config = replace(MapperConfig(), is_odometry_doubted=is_doubted)
+    start, count = FIRST[0].inverse() @ SECOND[0], len(first.keyframes)
+    mapper = Mapper.continued(first, ring.T_BASE_LASER, start, config)
+    for measurement in ring.drive(SECOND[:40], np.random.default_rng(1)):
+        mapper.update(measurement)
+    graph, off = mapper._graph, SE2(0.0, 0.6, 0.0)
+    assert len(graph) > count + 24
+    at = count - 8 if is_of_first else count + 12
+    keyframes, poses = list(graph.keyframes), graph.poses
+    before = poses[at].copy()
+    poses[at] = (SE2.from_array(before) @ off).as_array()
+    one, after = keyframes[at : at + 2]
+    # nothing but wheels tells that it was elsewhere: it saw nothing
+    keyframes[at] = replace(one.place_alone(), T_before=one.T_before @ off)
+    keyframes[at + 1] = replace(after, T_before=off.inverse() @ after.T_before)
+    loops = [loop for loop in graph.loops if at not in (loop.earlier, loop.later)]
+    graph.renew(keyframes, loops, poses)
+    slam_map = mapper.finish()
+    assert not slam_map.keyframes[at + 1].is_place_alone
+    off_m = float(np.hypot(*(slam_map.poses[at] - before)[:2]))
+    assert off_m == pytest.approx(0.6 if is_of_first else 0.0, abs=0.1)
+    slopes = [step.slope for step in mapper._front_end.scaled_steps]
+    own = () if is_of_first else (at - count, at + 1 - count)
+    assert [k for k, slope in enumerate(slopes) if k > 0 and not slope.any()] == list(own)

@@ -11,18 +11,20 @@ from slam.beams import Beams
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
 from slam.se2 import SE2
-from slam.strays import ToldStep
-from slam.there_and_back import put_on_the_way
+from slam.strays import StrayConfig, ToldStep
+from slam.surface_map import SurfaceMapConfig
+from slam.there_and_back import put_on_the_way, put_strays_back
 
 COUNT, AT, STEP = 30, 12, SE2(0.4, 0.0, 0.02)
 BEAMS = Beams(np.zeros((20, 2)), np.linspace(-1.0, 1.0, 20), np.full(20, 3.0))
 SURE = np.diag([0.02**2, 0.02**2, 0.02**2])
+BY_SCANS = 0.01 * SURE
 
 
 def keyframe(index: int) -> Keyframe:
     points = np.ones((20, 2))
     return Keyframe(
-        float(index), SE2.identity(), STEP, SURE, points, BEAMS, is_break=False
+        float(index), SE2.identity(), STEP, BY_SCANS, points, BEAMS, is_break=False
     )  # fmt: skip
 
 
@@ -54,9 +56,11 @@ def loop(earlier: int, later: int) -> Loop:
 
 @pytest.mark.parametrize("off", [SE2(0.0, 0.5, 0.0), SE2(-0.5, 0.0, 0.1)])
 @pytest.mark.parametrize("run", [1, 2, 3])
-def test_whoever_lies_aside_for_a_moment_is_put_where_wheels_lead(run, off):
-    strays = list(range(AT, AT + run))
-    loops = [loop(2, AT), loop(AT, 25), loop(3, 20)]
+@pytest.mark.parametrize("is_last", [False, True])
+def test_whoever_lies_aside_for_a_moment_is_put_where_wheels_lead(run, off, is_last):
+    first = COUNT - 1 - run if is_last else AT
+    strays = list(range(first, first + run))
+    loops = [loop(2, first), loop(first, COUNT - 1), loop(3, 20)]
     found, kept, poses, put_back = put_on_the_way(KEYFRAMES, loops, aside(strays, off), told())
     assert put_back == strays
     assert poses == pytest.approx(way(), abs=1e-6)
@@ -64,6 +68,34 @@ def test_whoever_lies_aside_for_a_moment_is_put_where_wheels_lead(run, off):
     assert kept == loops[2:]
     for k in (*strays, strays[-1] + 1):
         assert found[k].T_before.is_near(STEP, 1e-6, 1e-6)
+        assert (np.diag(found[k].covariance) >= 0.1 * np.diag(SURE)).all()  # wheels tell it now
+
+
+def test_those_that_fit_elsewhere_and_those_aside_are_put_back_on_the_solved_graph(monkeypatch):
+    class Graph:
+        keyframes, loops, poses, renewed = KEYFRAMES, [loop(3, 20)], way(), None
+
+        def solve(self):
+            self.poses = aside([AT], SE2(0.0, 0.5, 0.0))
+
+        def renew(self, *told):
+            self.renewed = told
+
+    def fitting(keyframes, loops, poses, *_):
+        return keyframes, loops, poses, [3]
+
+    monkeypatch.setattr("slam.there_and_back.without_strays", fitting)
+    graph = Graph()
+    assert put_strays_back(graph, told(), told(), StrayConfig(), SurfaceMapConfig()) == [3, AT]
+    assert graph.renewed is not None
+    assert graph.renewed[2] == pytest.approx(way(), abs=1e-6)
+
+
+def test_wheels_that_are_hardly_smoother_put_nobody_back():
+    poses, uneven = aside([AT], SE2(0.0, 0.5, 0.0)), told()
+    uneven[AT] = ToldStep(STEP @ SE2(0.3, 0.0, 0.0), SURE)
+    uneven[AT + 1] = ToldStep(STEP @ SE2(-0.3, 0.0, 0.0), SURE)
+    assert put_on_the_way(KEYFRAMES, [], poses, uneven)[3] == []
 
 
 def test_the_keyframes_of_sessions_before_are_left():
