@@ -85,20 +85,25 @@ class LoopCloser:
         asked: Sequence[int],
         sigma: tuple[float | FloatArray, float | FloatArray] = (0.0, 0.0),
         others: range | None = None,
+        loose_m: FloatArray | None = None,
     ) -> list[Loop]:
         """The verified loops among keyframes at poses (K, 3).
 
         asked: which are compared with those before them, of others; None: all. sigma: how uncertain
-        their poses are as seen from the others [m], [rad]; or (K,) of each of these.
+        their poses are as seen from the others [m], [rad]; or (K,) of each of these. loose_m: (K,) of
+        those that leave open how far along they lie, see `looseness_m`.
         """
         sigma_m, sigma_rad = (np.broadcast_to(one, len(keyframes)) for one in sigma)
-        pairs = self.proposed(keyframes, poses, asked, sigma_m, others)
+        loose_m = np.zeros(len(keyframes)) if loose_m is None else loose_m
         loops = [
             self.verified(
-                keyframes, poses, *pair, (float(sigma_m[pair[0]]), float(sigma_rad[pair[0]]))
+                keyframes, poses, earlier, later,
+                (float(sigma_m[earlier]), float(sigma_rad[earlier])), float(loose_m[earlier]),
             )
-            for pair in pairs
-        ]
+            for earlier, later in self.proposed(keyframes, poses, asked, sigma_m, others)
+            # of two that leave it open how far along they lie, what fits is chance
+            if min(loose_m[earlier], loose_m[later]) == 0.0
+        ]  # fmt: skip
         return [loop for loop in loops if loop is not None]
 
     def proposed(
@@ -148,8 +153,13 @@ class LoopCloser:
         earlier: int,
         later: int,
         sigma: tuple[float, float],
+        loose_m: float = 0.0,
     ) -> Loop | None:
-        """The loop between two keyframes, if their scans agree that there is one."""
+        """The loop between two keyframes, if their scans agree that there is one.
+
+        loose_m: by how much the earlier one may lie farther along than what is seen around it, which
+        shows where the later one lies; as seen from the earlier one, nobody knows that any better.
+        """
         members = self._members(keyframes, earlier)
         thinned = self._surfaces.thinned
         submap = np.concatenate(
@@ -173,6 +183,8 @@ class LoopCloser:
             return None
         T_earlier_later = SE2.from_array(poses[earlier]).inverse() @ match.T_map_base
         covariance = np.linalg.inv(match.information) + np.diag(np.square(config.sigma))
+        if match.open_way is not None:
+            covariance += loose_m**2 * np.outer(match.open_way, match.open_way)
         return Loop(
             earlier, later, T_earlier_later, np.asarray(np.linalg.inv(covariance)),
             match.inlier_ratio, passed_ratio,

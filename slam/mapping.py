@@ -23,6 +23,7 @@ from slam.map_session import MapSession, objections_of_drives
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.odometry_jumps import OdometryJumps
+from slam.open_runs import Looseness
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
 from slam.scan_places import unknown_places
@@ -69,7 +70,7 @@ class Mapper:
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
         self._told, self._weak_steps = list[ToldStep](), WeakSteps()
-        self._jumps = OdometryJumps()
+        self._jumps, self._looseness = OdometryJumps(), Looseness()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
     @classmethod
@@ -93,6 +94,8 @@ class Mapper:
             )
         mapper = cls(T_base_laser, config)
         mapper._steps = list(slam_map.steps)
+        is_open = {step.keyframe for step in mapper._steps if step.is_keyframe and step.is_open}
+        mapper._looseness = Looseness(slam_map.keyframes, is_open)
         loops = [*slam_map.loops, *slam_map.rejected]
         mapper._graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
         mapper._session = MapSession.after(
@@ -124,6 +127,7 @@ class Mapper:
         self._steps.append(replace(step, session=self._session.number))
         self._told.append(told)
         if step.is_keyframe:
+            self._looseness.take(self._front_end.keyframes[-1], step.is_open)
             self._add_keyframe(self._front_end.keyframes[-1])
         self._session.look_for_join(self._front_end.usual_interval_s)
         self.T_map_base = self._session.start @ step.T_map_base
@@ -156,7 +160,8 @@ class Mapper:
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
-        said += self._begun_with_jump()
+        own = self._steps[self._session.first_step :]
+        said += self._jumps.objections(own, self.config.is_odometry_doubted)
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
         if slam_map.verdict.is_good and not said:  # what broke off may be anywhere, and is told so
             said = unknown_places(
@@ -166,19 +171,6 @@ class Mapper:
             said = said or too_far_adrift(slam_map.drift_m, slam_map.poses)
             said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)
         return slam_map.objected([*self._known_objections, *said])
-
-    def _begun_with_jump(self) -> list[str]:
-        """In words, that odometry jumped as the drive began; a second look does not go by it, but where
-        a scan leaves the way open."""
-        time_s = self._jumps.begun_with_s
-        own = self._steps[self._session.first_step :]
-        step = next((one for one in own if one.time_s == time_s), None)
-        if step is None or (self.config.is_odometry_doubted and not step.is_open):
-            return []
-        return [
-            f"at {step.time_s:.2f} s odometry jumped, before it could be known how the robot drives:"
-            " what was mapped until then may lie elsewhere"
-        ]
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""
@@ -344,5 +336,6 @@ class Mapper:
         sigma_m = np.minimum(config.start_m + config.drift_m * ways_m, most_m)
         sigma_rad = np.minimum(config.start_rad + config.drift_rad * ways_m, config.most_drift[1])
         return closer.found(
-            graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._session.comparable
-        )
+            graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._session.comparable,
+            self._looseness.sigmas_m,
+        )  # fmt: skip

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slam.keyframes import FrontEndStep
 from slam.measurements import Measurement
 from slam.se2 import SE2
 
@@ -177,6 +178,18 @@ class OdometryJumps:
             if any(step.as_never_before(*_most_of(others))):
                 return step.time_s
         return None
+
+    def objections(self, steps: Sequence[FrontEndStep], is_doubted: bool) -> list[str]:
+        """In words, that odometry jumped as the drive of such steps began; who doubts it does not go by it,
+        but where a scan leaves the way open."""
+        time_s = self.begun_with_s
+        step = next((one for one in steps if one.time_s == time_s), None)
+        if step is None or (is_doubted and not step.is_open):
+            return []
+        return [
+            f"at {step.time_s:.2f} s odometry jumped, before it could be known how the robot drives:"
+            " what was mapped until then may lie elsewhere"
+        ]
 
     def _as_never_before(self, step: _Step) -> tuple[bool, bool]:
         """Whether a step is much faster than those remembered, and back for the first time; one of these

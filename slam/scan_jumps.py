@@ -6,12 +6,15 @@ draws one of them along a wall, and back, or the next door of a corridor is take
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.keyframes import FrontEndStep, StepStatus
+from slam.se2 import SE2
 from slam.strays import ToldStep
 
 _MOVES_MPS = 0.05
@@ -27,22 +30,41 @@ _FASTER, _APART_M = 2.0, 0.3
 Chosen: of 32 simulated drives without wheels, jumps of right maps that were called good were 0.0 m so fast,
 of wrong ones 0.6 to 0.7 m."""
 
+_AGAINST = 60.0
+"""Normalised error squared of what was told of a step, beyond which it is not the one that scans show. As
+`FrontEndConfig.surely_wrong`."""
+
 
 def scan_jumps(
-    steps: Sequence[FrontEndStep], first_step: int, told: Sequence[ToldStep], poses: FloatArray
+    steps: Sequence[FrontEndStep],
+    first_step: int,
+    told: Sequence[ToldStep],
+    poses: FloatArray,
+    noise: float,
 ) -> list[str]:
-    """In words, that scans jumped that nothing but scans placed.
+    """In words, that scans jumped that nothing but scans placed, or far from where wheels that went on led.
 
     first_step: with which the last session begins; told: what was measured of the motion to each of its
-    scans. poses: (K, 3) of the keyframes [m, rad]. Scans that broke off are another matter: see
+    scans, by the wheels' scale, and noise: its variance, as a multiple of what was told.
+    poses: (K, 3) of the keyframes [m, rad]. Scans that broke off are another matter: see
     `slam.pieces`.
     """
     own = steps[first_step:]
     if len(own) < _LEAST:
         return []
-    velocities_mps, intervals_s = _driven(own, poses)
+    placed = [step.placed(poses) for step in own]
+    velocities_mps, intervals_s = _driven(placed, [step.time_s for step in own])
     speeds_mps = np.hypot(*velocities_mps.T)
-    apart_m = _apart_mps(velocities_mps, _is_placed_by_scans(own, told)) * intervals_s
+    is_seen, is_guess = _is_seen(own), np.array([one.is_guess for one in told[1:]])
+    told_mps = np.array([math.hypot(one.motion.x, one.motion.y) for one in told[1:]]) / intervals_s
+    # whoever was lifted may have gone as far: but then wheels stand, or nobody believes them
+    is_denied = ~is_guess & (told_mps > _MOVES_MPS) & _is_denied(placed, told, noise)
+    apart_mps = np.where(
+        is_denied,
+        _apart_mps(velocities_mps, is_seen),
+        _apart_mps(velocities_mps, is_seen & is_guess),
+    )
+    apart_m = apart_mps * intervals_s
     # what jumped says nothing of how fast the robot drives
     usual_mps = speeds_mps[(speeds_mps > _MOVES_MPS) & ~(apart_m > _APART_M)]
     if len(usual_mps) < _LEAST:
@@ -55,26 +77,30 @@ def scan_jumps(
     return [
         f"at {own[worst + 1].time_s:.2f} s the robot would have gone"
         f" {speeds_mps[worst] * intervals_s[worst]:.1f} m in {intervals_s[worst]:.2f} s, by scans"
-        " alone, and neither before nor after: somebody in view may have drawn one of them"
+        f" alone{', against the wheels' if is_denied[worst] else ''}, and neither before nor after: somebody in view may have drawn one of them"
     ]
 
 
-def _driven(steps: Sequence[FrontEndStep], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _driven(placed: Sequence[SE2], times_s: Sequence[float]) -> tuple[FloatArray, FloatArray]:
     """(N - 1, 2) velocities [m/s] from each of N scans to the next, in the map's frame, and (N - 1,) the
     time that took [s]; of stamps that stand, or go back, half as long as usual."""
-    placed = [step.placed(poses) for step in steps]
-    intervals_s = np.diff([step.time_s for step in steps])
+    intervals_s = np.diff(times_s)
     intervals_s = np.maximum(intervals_s, max(0.5 * float(np.median(intervals_s)), _BRIEF_S))
     moved_m = np.diff([(pose.x, pose.y) for pose in placed], axis=0)
     return moved_m / intervals_s[:, np.newaxis], intervals_s
 
 
-def _is_placed_by_scans(steps: Sequence[FrontEndStep], told: Sequence[ToldStep]) -> BoolArray:
-    """(N - 1,) of each way from one of N scans to the next, whether both were matched, and nothing else
-    measured it."""
+def _is_seen(steps: Sequence[FrontEndStep]) -> BoolArray:
+    """(N - 1,) of each way from one of N scans to the next, whether both were matched."""
     is_seen = np.array([one.status in (StepStatus.MATCHED, StepStatus.SEARCHED) for one in steps])
-    is_guess = np.array([one.is_guess for one in told])
-    result: BoolArray = is_seen[:-1] & is_seen[1:] & is_guess[1:]
+    result: BoolArray = is_seen[:-1] & is_seen[1:]
+    return result
+
+
+def _is_denied(placed: Sequence[SE2], told: Sequence[ToldStep], noise: float) -> BoolArray:
+    """(N - 1,) of each way from one of N poses to the next, whether it is not the one that was told."""
+    squared = [one.squared(*ends) for one, ends in zip(told[1:], pairwise(placed), strict=True)]
+    result: BoolArray = np.array(squared) > _AGAINST * noise
     return result
 
 

@@ -48,8 +48,8 @@ def test_map_between_bare_walls_is_as_good_as_its_wheels(noise_m, is_good):
     assert (off_m < 0.15) is is_good
     assert slam_map.verdict.is_good is is_good, (off_m, slam_map.verdict.reasons)
     if not is_good:
-        (reason,) = slam_map.verdict.reasons
-        assert "how far the robot went between them the wheels alone tell" in reason
+        said = "how far the robot went between them the wheels alone tell"
+        assert any(said in reason for reason in slam_map.verdict.reasons)
 
 
 @pytest.mark.parametrize(("deep_m", "is_good"), [(0.22, True), (0.16, False)])

@@ -31,7 +31,7 @@ def step_of(time_s: float, x: float, session: int) -> FrontEndStep:
 
 def said_of(steps: list[FrontEndStep], covariance: np.ndarray = GUESS) -> list[str]:
     told = [ToldStep(SE2.identity(), covariance)] * (len(steps) - FIRST)
-    return scan_jumps(steps, FIRST, told, POSES)
+    return scan_jumps(steps, FIRST, told, POSES, 1.0)
 
 
 def with_status(steps: list[FrontEndStep], at: int, status: StepStatus) -> list[FrontEndStep]:
@@ -95,6 +95,24 @@ def test_wheels_and_breaks_are_asked_elsewhere():
     assert said_of(driven()[: FIRST + 1]) == said_of(driven()[:FIRST]) == []
 
 
+@pytest.mark.parametrize("jump_m", [0.6, -0.6])
+def test_scans_that_jump_where_wheels_went_on_fail_the_map(jump_m):
+    # 0.7 m and 0.35 m aside in one of two scans a second, beside people in a hall; wheels told 0.24 m
+    steps = driven(steps_with(jump_m))
+    on = [ToldStep(SE2(STEP_M, 0.0, 0.0), TOLD)] * COUNT
+    (said,) = scan_jumps(steps, FIRST, on, POSES, 1.0)
+    assert "by scans alone, against the wheels, and neither before nor after" in said
+    assert scan_jumps(driven(), FIRST, on, POSES, 1.0) == []
+    # they are as noisy as they show, stood as the robot was lifted, or have jumped
+    assert scan_jumps(steps, FIRST, on, POSES, 100.0) == []
+    stood = ToldStep(SE2.identity(), TOLD)
+    lost = ToldStep(SE2(STEP_M, 0.0, 0.0), GUESS)
+    # and who drives as fast does so by the wheels as well
+    fast = ToldStep(SE2(STEP_M + jump_m, 0.0, 0.0), TOLD)
+    for one in (stood, lost, fast):
+        assert scan_jumps(steps, FIRST, [*on[:AT], one, *on[AT + 1 :]], POSES, 1.0) == []
+
+
 @pytest.mark.parametrize("jumps", [(20, 40), (15, 30, 45), range(4, 56, 8)])
 def test_many_scans_that_jump_are_none_the_less_jumps(jumps):
     step_m = np.full(COUNT, STEP_M)
@@ -118,7 +136,7 @@ def test_wheels_that_fell_silent_had_told_how_fast_the_robot_drives():
     steps = driven(step_m)
     told = [ToldStep(SE2.identity(), TOLD)] * 45
     told += [ToldStep(SE2.identity(), GUESS)] * (len(steps) - FIRST - len(told))
-    assert scan_jumps(steps, FIRST, told, POSES)[0].startswith(f"at {5.0 + STEP_S * at:.2f} s")
+    assert scan_jumps(steps, FIRST, told, POSES, 1.0)[0].startswith(f"at {5.0 + STEP_S * at:.2f} s")
 
 
 @pytest.mark.parametrize("beside", [-2, 1])
@@ -143,10 +161,10 @@ def test_a_way_that_nothing_measured_is_no_jump_beside_those_that_were():
     """A robot that was lifted: its wheels are not believed there, and scans alone say how far."""
     guess, told = (ToldStep(SE2.identity(), one) for one in (GUESS, TOLD))
     one = [guess if at == AT else told for at in range(COUNT)]
-    assert scan_jumps(driven(steps_with(0.5)), FIRST, one, POSES) == []
+    assert scan_jumps(driven(steps_with(0.5)), FIRST, one, POSES, 1.0) == []
     # and what was measured is none beside those that were not
     others = [told if at == AT else guess for at in range(COUNT)]
-    assert scan_jumps(driven(steps_with(0.5)), FIRST, others, POSES) == []
+    assert scan_jumps(driven(steps_with(0.5)), FIRST, others, POSES, 1.0) == []
 
 
 def test_how_fast_a_robot_drives_is_known_after_a_while():
