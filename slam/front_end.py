@@ -286,7 +286,10 @@ class FrontEnd:
 
     def _is_open(self, match: SurfaceMatch, points: FloatArray, told: Prediction) -> bool:
         """Whether a scan leaves a direction open. Where nothing else tells of the way, surfaces across it
-        tell, be they ever so few, if they fit in one place; wheels tell more than a few, and are held to."""
+        tell, be they ever so few, if they fit in one place; wheels tell more than a few that fit all but as well
+        where these lead, and are held to."""
+        if match.is_told_by_few:
+            return False
         config, is_little = self.config, match.least_facing < self.config.least_facing
         if not told.is_coasting or match.least_facing >= config.ample_facing:
             return is_little

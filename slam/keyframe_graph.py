@@ -10,6 +10,7 @@ from slam.arrays import FloatArray, IntArray
 from slam.kernels.graph_ways import ways_from
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop, without_ties
+from slam.looseness import Looseness
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
 from slam.se2 import SE2, wrap_angle
 from slam.slam_map import add_loop, add_step, graph_of
@@ -34,6 +35,7 @@ class KeyframeGraph:
         self._step_sigma = step_sigma
         self._graph, self._loop_edges, self._breaks = PoseGraph(), list[int](), list[int]()
         self._held_ends, self._tie_count = _ends_of([]), 0
+        self.looseness = Looseness()
 
     @property
     def loop_count(self) -> int:
@@ -66,9 +68,11 @@ class KeyframeGraph:
         self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
         self._loop_edges = list(range(steps, steps + len(loops)))
 
-    def add(self, keyframe: Keyframe) -> None:
-        """One keyframe more, where its step leads from the last one."""
+    def add(self, keyframe: Keyframe, is_open: bool = False) -> None:
+        """One keyframe more, where its step leads from the last one; is_open: it leaves open how far
+        along that is."""
         index = len(self.keyframes)
+        self.looseness.take(keyframe, is_open)
         self.keyframes.append(keyframe)
         if keyframe.is_break:
             self._breaks.append(index)

@@ -91,7 +91,7 @@ class LoopCloser:
 
         asked: which are compared with those before them, of others; None: all. sigma: how uncertain
         their poses are as seen from the others [m], [rad]; or (K,) of each of these. loose_m: (K,) of
-        those that leave open how far along they lie, see `looseness_m`.
+        those that leave open how far along they lie, see `Looseness`.
         """
         sigma_m, sigma_rad = (np.broadcast_to(one, len(keyframes)) for one in sigma)
         loose_m = np.zeros(len(keyframes)) if loose_m is None else loose_m
@@ -101,7 +101,8 @@ class LoopCloser:
                 (float(sigma_m[earlier]), float(sigma_rad[earlier])), float(loose_m[earlier]),
             )
             for earlier, later in self.proposed(keyframes, poses, asked, sigma_m, others)
-            # of two that leave it open how far along they lie, what fits is chance
+            # of two that leave it open how far along they lie, what fits is chance; others in their place,
+            # farther off, were right less often than those next to one that sees where it is
             if min(loose_m[earlier], loose_m[later]) == 0.0
         ]  # fmt: skip
         return [loop for loop in loops if loop is not None]
@@ -183,8 +184,7 @@ class LoopCloser:
             return None
         T_earlier_later = SE2.from_array(poses[earlier]).inverse() @ match.T_map_base
         covariance = np.linalg.inv(match.information) + np.diag(np.square(config.sigma))
-        if match.open_way is not None:
-            covariance += loose_m**2 * np.outer(match.open_way, match.open_way)
+        covariance[:2, :2] += _along_open(keyframes[earlier], T_earlier_later, loose_m)
         return Loop(
             earlier, later, T_earlier_later, np.asarray(np.linalg.inv(covariance)),
             match.inlier_ratio, passed_ratio,
@@ -236,3 +236,12 @@ class LoopCloser:
             counts = passed(keyframes[later], keyframes[k], there, self.config.margins)
             seen, through = seen + counts[0], through + counts[1]
         return through / max(seen, 1)
+
+
+def _along_open(keyframe: Keyframe, T_keyframe_other: SE2, sigma_m: float) -> FloatArray:
+    """(2, 2) of where another one lies, in its own frame, as seen from a keyframe that is so unsure of
+    how far along it lies itself."""
+    along = np.linalg.eigh(keyframe.covariance[:2, :2])[1][:, -1]
+    c, s = math.cos(T_keyframe_other.theta), math.sin(T_keyframe_other.theta)
+    turned = np.array([[c, s], [-s, c]]) @ along
+    return sigma_m**2 * np.outer(turned, turned)

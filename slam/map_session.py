@@ -87,7 +87,7 @@ class MapSession:
             return
         graph, config = self._graph, self._config
         poses = graph.poses
-        join = self._joiner.look(graph.keyframes, poses, time_s)
+        join = self._joiner.look(graph.keyframes, poses, time_s, graph.looseness.sigmas_m)
         if join is None:
             return
         graph.set_poses(join.moved(poses, self.first))

@@ -17,13 +17,13 @@ from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.loop_closing import Loop, LoopCloser
 from slam.loose_runs import smoothed
+from slam.looseness import Looseness
 from slam.map_consistency import acquitted, judged
 from slam.map_drift import too_far_adrift
 from slam.map_session import MapSession, objections_of_drives
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.odometry_jumps import OdometryJumps
-from slam.open_runs import Looseness
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
 from slam.scan_places import unknown_places
@@ -70,7 +70,7 @@ class Mapper:
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
         self._told, self._weak_steps = list[ToldStep](), WeakSteps()
-        self._jumps, self._looseness = OdometryJumps(), Looseness()
+        self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
     @classmethod
@@ -94,10 +94,10 @@ class Mapper:
             )
         mapper = cls(T_base_laser, config)
         mapper._steps = list(slam_map.steps)
-        is_open = {step.keyframe for step in mapper._steps if step.is_keyframe and step.is_open}
-        mapper._looseness = Looseness(slam_map.keyframes, is_open)
         loops = [*slam_map.loops, *slam_map.rejected]
         mapper._graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
+        is_open = {step.keyframe for step in slam_map.steps if step.is_keyframe and step.is_open}
+        mapper._graph.looseness = Looseness(slam_map.keyframes, is_open)
         mapper._session = MapSession.after(
             slam_map, start, mapper._graph, mapper._closer, mapper.config
         )
@@ -127,8 +127,7 @@ class Mapper:
         self._steps.append(replace(step, session=self._session.number))
         self._told.append(told)
         if step.is_keyframe:
-            self._looseness.take(self._front_end.keyframes[-1], step.is_open)
-            self._add_keyframe(self._front_end.keyframes[-1])
+            self._add_keyframe(self._front_end.keyframes[-1], step.is_open)
         self._session.look_for_join(self._front_end.usual_interval_s)
         self.T_map_base = self._session.start @ step.T_map_base
         if step.keyframe >= 0:
@@ -268,12 +267,12 @@ class Mapper:
         self._graph.take([one for one in found if (one.earlier, one.later) not in known])
         return self._graph.sorted_loops()
 
-    def _add_keyframe(self, keyframe: Keyframe) -> None:
+    def _add_keyframe(self, keyframe: Keyframe, is_open: bool) -> None:
         """Notes where the keyframe is seen from the last one, and the loops that it closes."""
         config, index = self.config, len(self._graph)
         if index == self._session.first:
             self._place_before(keyframe)
-        self._graph.add(self._session.own(keyframe))
+        self._graph.add(self._session.own(keyframe), is_open)
         self._tie_last()
         every = config.loops.every
         if index % every == 0 and (
@@ -337,5 +336,5 @@ class Mapper:
         sigma_rad = np.minimum(config.start_rad + config.drift_rad * ways_m, config.most_drift[1])
         return closer.found(
             graph.keyframes, graph.poses, [index], (sigma_m, sigma_rad), self._session.comparable,
-            self._looseness.sigmas_m,
+            graph.looseness.sigmas_m,
         )  # fmt: skip

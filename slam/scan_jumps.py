@@ -33,6 +33,10 @@ of wrong ones 0.6 to 0.7 m."""
 _AGAINST = 60.0
 """Normalised error squared of what was told of a step, beyond which it is not the one that scans show. As
 `FrontEndConfig.surely_wrong`."""
+_FITS = 0.94
+"""Share of scans that fits, above which they, and those beside them, are right rather than wheels that are
+doubted. Chosen: of 37 second looks at drives with people and wheels that slip, lag and stick, no wrong one was
+called good, and 11 of 16 right ones were; two without it."""
 
 
 def scan_jumps(
@@ -41,13 +45,14 @@ def scan_jumps(
     told: Sequence[ToldStep],
     poses: FloatArray,
     noise: float,
+    is_odometry_doubted: bool = False,
 ) -> list[str]:
     """In words, that scans jumped that nothing but scans placed, or far from where wheels that went on led.
 
     first_step: with which the last session begins; told: what was measured of the motion to each of its
     scans, by the wheels' scale, and noise: its variance, as a multiple of what was told.
-    poses: (K, 3) of the keyframes [m, rad]. Scans that broke off are another matter: see
-    `slam.pieces`.
+    poses: (K, 3) of the keyframes [m, rad]. is_odometry_doubted: it was not believed as they were
+    placed. Scans that broke off are another matter: see `slam.pieces`.
     """
     own = steps[first_step:]
     if len(own) < _LEAST:
@@ -56,12 +61,13 @@ def scan_jumps(
     velocities_mps, intervals_s = _driven(placed, [step.time_s for step in own])
     speeds_mps = np.hypot(*velocities_mps.T)
     is_seen, is_guess = _is_seen(own), np.array([one.is_guess for one in told[1:]])
-    told_mps = np.array([math.hypot(one.motion.x, one.motion.y) for one in told[1:]]) / intervals_s
-    # whoever was lifted may have gone as far: but then wheels stand, or nobody believes them
-    is_denied = ~is_guess & (told_mps > _MOVES_MPS) & _is_denied(placed, told, noise)
+    is_denied = ~is_guess & _is_denied(placed, told, noise, intervals_s)
+    if is_odometry_doubted:
+        is_denied &= _fit(own) < _FITS
     apart_mps = np.where(
         is_denied,
         _apart_mps(velocities_mps, is_seen),
+        # how fast it went before and after says nothing of a robot of which odometry told until it was lifted
         _apart_mps(velocities_mps, is_seen & is_guess),
     )
     apart_m = apart_mps * intervals_s
@@ -74,10 +80,11 @@ def scan_jumps(
     if not has_jumped.any():
         return []
     worst = int(np.argmax(np.where(has_jumped, apart_m, 0.0)))
+    by = "by scans against the wheels" if is_denied[worst] else "by scans alone"
     return [
         f"at {own[worst + 1].time_s:.2f} s the robot would have gone"
-        f" {speeds_mps[worst] * intervals_s[worst]:.1f} m in {intervals_s[worst]:.2f} s, by scans"
-        f" alone{', against the wheels' if is_denied[worst] else ''}, and neither before nor after: somebody in view may have drawn one of them"
+        f" {speeds_mps[worst] * intervals_s[worst]:.1f} m in {intervals_s[worst]:.2f} s, {by}, and"
+        " neither before nor after: somebody in view may have drawn one of them"
     ]
 
 
@@ -97,10 +104,21 @@ def _is_seen(steps: Sequence[FrontEndStep]) -> BoolArray:
     return result
 
 
-def _is_denied(placed: Sequence[SE2], told: Sequence[ToldStep], noise: float) -> BoolArray:
-    """(N - 1,) of each way from one of N poses to the next, whether it is not the one that was told."""
+def _is_denied(
+    placed: Sequence[SE2], told: Sequence[ToldStep], noise: float, intervals_s: FloatArray
+) -> BoolArray:
+    """(N - 1,) of each way from one of N poses to the next, whether wheels that went on tell of another.
+    Whoever was lifted may have gone as far: but then these stand."""
+    told_m = np.array([math.hypot(one.motion.x, one.motion.y) for one in told[1:]])
     squared = [one.squared(*ends) for one, ends in zip(told[1:], pairwise(placed), strict=True)]
-    result: BoolArray = np.array(squared) > _AGAINST * noise
+    result: BoolArray = (told_m > _MOVES_MPS * intervals_s) & (np.array(squared) > _AGAINST * noise)
+    return result
+
+
+def _fit(steps: Sequence[FrontEndStep]) -> FloatArray:
+    """(N - 1,) how well those of N scans fit, beside each way from one to the next, that fit worst."""
+    ratios = np.array([1.0, *(one.inlier_ratio for one in steps), 1.0])
+    result: FloatArray = np.lib.stride_tricks.sliding_window_view(ratios, 4).min(axis=1)
     return result
 
 

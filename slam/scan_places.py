@@ -30,5 +30,5 @@ def unknown_places(
         to_keyframes = told_to_keyframes(steps[first_step:], told)
         noise = shown_noise(slam_map.keyframes, poses, to_keyframes) or noise
     scaled = [replace(one, motion=wheels.scaled(one.motion)) for one in told]
-    said = scan_jumps(steps, first_step, scaled, poses, noise)
+    said = scan_jumps(steps, first_step, scaled, poses, noise, is_odometry_doubted)
     return said or unknown_blind_poses(steps, first_step, scaled, poses, noise)

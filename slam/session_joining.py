@@ -109,21 +109,26 @@ class SessionJoiner:
         self._found: Join | None = None
         self._announced, self._next = 0, len(keyframes)
         self._keyframes, self._poses = keyframes, poses
+        self._loose_m: FloatArray | None = None
         self._backlog: list[int] = []
         self._looks = self._tries = 0
         self._T_last: SE2 | None = None
         self._loops: list[Loop] = []
 
     def look(
-        self, keyframes: Sequence[Keyframe], poses: FloatArray, time_s: float = 0.0
+        self,
+        keyframes: Sequence[Keyframe],
+        poses: FloatArray,
+        time_s: float = 0.0,
+        loose_m: FloatArray | None = None,
     ) -> Join | None:
         """What the keyframes add that were not looked at yet, one by one, by as much work as there is
         time for until the next scan; the join as soon as it is sure.
 
         poses: (K, 3) of all keyframes, those of the session in its own frame. time_s: usual between
-        two scans; inf: none comes any more.
+        two scans; inf: none comes any more. loose_m: (K,) see `Looseness`.
         """
-        self._keyframes, self._poses = keyframes, poses
+        self._keyframes, self._poses, self._loose_m = keyframes, poses, loose_m
         if self._found is not None:
             join, self._found = self._found, None
             return join
@@ -173,7 +178,9 @@ class SessionJoiner:
         yield _LOOPS * len(asked)
         moved = _moved(self._poses, self._first, self._place)
         sigma = config.start_sigma if self._is_start_known else config.sigma
-        self._loops += self._closer.found(self._keyframes, moved, asked, sigma, range(self._first))
+        self._loops += self._closer.found(
+            self._keyframes, moved, asked, sigma, range(self._first), self._loose_m
+        )
         join = self._agreed(self._poses)
         self._tries += 1
         if join is None and not self._is_start_known and self._tries >= config.patience:

@@ -33,7 +33,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
     "loops_kept": (),
     **dict.fromkeys(
         ("step_times_s", "step_keyframes", "step_statuses", "step_inliers", "step_is_keyframe",
-         "step_sessions"),
+         "step_sessions", "step_is_open"),
         ("scans",),
     ),
     **dict.fromkeys(("step_ways", "step_poses"), ("scans", 3)),

@@ -22,9 +22,9 @@ from slam.slam_map_checks import MAY_BE_INFINITE, check_arrays
 from slam.views import Glance
 from slam.whole_files import read_at_most, write_whole
 
-VERSION = 4
+VERSION = 5
 """Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances;
-before 4, no loop was a tie."""
+before 4, no loop was a tie; before 5, no scan left open how far along it was taken."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""
@@ -104,6 +104,8 @@ def read_slam_map(path: str | Path) -> SlamMap:
         arrays |= dict.fromkeys(_GLANCES, np.zeros(0, np.int64))
     if version < 4:
         arrays["loop_is_tie"] = np.zeros(len(arrays["loop_ends"]), np.bool_)
+    if version < 5:
+        arrays["step_is_open"] = np.zeros(len(arrays["step_times_s"]), np.bool_)
     try:
         check_arrays(arrays, len(_STATUSES))
         for name in MAY_BE_INFINITE:  # one nan is as good as another, but some raise when converted
@@ -153,6 +155,7 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "step_inliers": np.array([one.inlier_ratio for one in steps]),
         "step_is_keyframe": np.array([one.is_keyframe for one in steps], dtype=np.bool_),
         "step_sessions": np.array([one.session for one in steps], dtype=np.int64),
+        "step_is_open": np.array([one.is_open for one in steps], dtype=np.bool_),
         "verdict": np.array(
             [verdict.is_good, verdict.passed_ratio, verdict.bad_pairs, verdict.pairs], dtype=float
         ),
@@ -197,11 +200,13 @@ def _map_of(arrays: _Arrays) -> SlamMap:
         FrontEndStep(
             float(time_s), int(keyframe), SE2.from_array(way), SE2.from_array(pose),
             _STATUSES[int(status)], float(inliers), bool(is_keyframe), int(session),
+            bool(is_open),
         )
-        for time_s, keyframe, way, pose, status, inliers, is_keyframe, session in zip(
+        for time_s, keyframe, way, pose, status, inliers, is_keyframe, session, is_open in zip(
             arrays["step_times_s"], arrays["step_keyframes"], arrays["step_ways"],
             arrays["step_poses"], arrays["step_statuses"], arrays["step_inliers"],
-            arrays["step_is_keyframe"], arrays["step_sessions"], strict=True,
+            arrays["step_is_keyframe"], arrays["step_sessions"],
+            arrays["step_is_open"], strict=True,
         )
     )  # fmt: skip
     kept, numbers = int(arrays["loops_kept"]), arrays["verdict"]

@@ -86,7 +86,8 @@ class SurfaceMatch:
     odometry's, as far as that was trusted. seen_ratio: share of the points where the map has a
     surface; inlier_ratio: of those, the share that lies on it. cost: mean over all points, 0 for
     one on a surface, 1 for one that is nowhere near. gain: by how much more than this information the
-    scan was let pull at the pose.
+    scan was let pull at the pose. is_told_by_few: surfaces across the direction of which it tells least
+    are few, and it fits nowhere else along that.
     """
 
     T_map_base: SE2
@@ -96,6 +97,7 @@ class SurfaceMatch:
     inlier_ratio: float
     cost: float
     gain: float
+    is_told_by_few: bool = False
 
     @property
     def covariance(self) -> FloatArray:

@@ -113,6 +113,7 @@ RANKS = (
         "open_matches",
         "candidates",
         "loose_runs",
+        "looseness",
         "open_runs",
         "odometry_jumps",
         "contradictions",

@@ -211,3 +211,42 @@ def test_among_recesses_alike_a_robot_without_wheels_is_right_or_knows_nothing(e
     slam_map = mapper.finish()
     off_m = slam_map.trajectory.poses[-1, 0] - np.ptp(true_m)
     assert not slam_map.verdict.is_good or abs(off_m) < 0.5
+
+
+@pytest.mark.parametrize("walls", [DOORS, recessed(-9.0, -4.0, 1.9, 6.0)])
+@pytest.mark.parametrize("off_m", [-0.5, -0.35, 0.5])
+def test_more_points_on_surfaces_in_one_place_tell_however_little_they_face_the_way(walls, off_m):
+    # of 1 m by wheels off by 12 % of each, those 0.3 to 0.5 m short were taken as they were
+    true = SE2(0.5, 0.0, 0.0)
+    match, told = matched(walls, true, SE2(0.5 + off_m, 0.0, 0.0))
+    assert max(match.least_facing, told.least_facing) < CONFIG.least_facing
+    assert abs(match.T_map_base.x - true.x) > 0.15
+    assert told.is_told_by_few
+    assert told.T_map_base.is_near(true, 0.03, 0.01)
+    at = Prediction(SE2.identity(), true, np.eye(3), np.eye(3), 1.0, is_coasting=False)
+    front_end = FrontEnd(SE2.identity())
+    assert not front_end._is_open(told, np.zeros((0, 3)), at)
+    assert front_end._is_open(match, np.zeros((0, 3)), at)
+
+
+@pytest.mark.parametrize("every_m", [0.3, 0.45])
+@pytest.mark.parametrize("off_m", [-0.5, -0.25, 0.25, 0.5])
+def test_pillars_that_look_the_same_are_not_few_that_tell(every_m, off_m):
+    match, told = matched(pillared(every_m), SE2(0.5, 0.0, 0.0), SE2(0.5 + off_m, 0.0, 0.0))
+    assert told is match
+
+
+def test_a_few_points_that_fit_by_chance_do_not_tell(monkeypatch):
+    monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: True)
+    match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
+    match = replace(match, inlier_ratio=0.9, cost=0.1)
+    for points_more, is_told in ((5, False), (7, True)):
+        there = match.T_map_base @ SE2(0.3, 0.0, 0.0)
+        ratio = match.inlier_ratio + points_more / 100.0
+        found = Finding(replace(match, T_map_base=there, inlier_ratio=ratio, cost=0.05))
+        told = closed_match(
+            found, np.zeros((100, 3)), SE2.identity(), ODOMETRY, match, CONFIG
+        )  # fmt: skip
+        assert told.is_told_by_few is is_told
+    monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: False)
+    assert closed_match(found, np.zeros((100, 3)), SE2.identity(), ODOMETRY, match, CONFIG) is match

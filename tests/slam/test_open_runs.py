@@ -8,9 +8,9 @@ import pytest
 from slam import SE2, Beams, Mapper, Measurement, SlamMap
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import Keyframe
-from slam.loop_closing import LoopCloser, without_ties
+from slam.loop_closing import without_ties
 from slam.odometry import compose_covariance
-from slam.open_runs import Looseness, OpenRun, tied
+from slam.open_runs import OpenRun, tied
 from slam.pose_graph import PoseGraph
 from slam.strays import ToldStep
 from slam.surface_window import SurfaceWindow
@@ -30,16 +30,24 @@ def way() -> list[SE2]:
     return [SE2(x, 0.0, 0.0) for x in (*ahead, *ahead[::-1])]
 
 
-def mapped() -> SlamMap:
-    """The map, once the robot has been there by wheels that tell of too long a way."""
-    mapper, rng, poses = Mapper(SE2.identity()), np.random.default_rng(5), way()
+def driven() -> list[Measurement]:
+    """There and back, by wheels that tell of too long a way."""
+    found, rng, poses = list[Measurement](), np.random.default_rng(5), way()
     for index, pose in enumerate(poses):
         motion = poses[max(index - 1, 0)].inverse() @ pose
         # ahead it tells of more, as on a slope; back it tells of what it is
         told = SE2(motion.x * (SCALE if motion.x > 0.0 else 1.0), 0.0, 0.0)
         scan = scan_of(WALLS, pose, rng, 0.01, ANGLES_RAD, range_max_m=1.8)
         noise = np.diag([0.03, 0.01, 0.005]) ** 2
-        mapper.update(Measurement(0.2 * index, told, scan, noise))
+        found.append(Measurement(0.2 * index, told, scan, noise))
+    return found
+
+
+def mapped(count: int | None = None) -> SlamMap:
+    """The map of so many scans, None: of all."""
+    mapper = Mapper(SE2.identity())
+    for measurement in driven()[:count]:
+        mapper.update(measurement)
     return mapper.finish()
 
 
@@ -128,72 +136,3 @@ def test_what_fits_along_the_way_as_well_is_no_tie(monkeypatch):
     monkeypatch.setattr("slam.open_runs._SLID_M", ())
     assert run.seen_from_before(keyframes, scan.faced, SE2(0.5, 0.0, 0.0), window) is not None
     assert len(window) == 3
-
-
-def keyframe_of(sigma_m: float) -> Keyframe:
-    noise, nothing = np.diag([sigma_m, 0.01, 0.01]) ** 2, np.zeros((0, 2))
-    beams = Beams(nothing, np.zeros(0), np.zeros(0))
-    return Keyframe(0.0, SE2.identity(), SE2.identity(), noise, nothing, beams, is_break=False)
-
-
-def test_keyframes_between_two_that_see_where_they_are_lie_as_loosely_as_both_ends_have_it():
-    keyframes = [keyframe_of(sigma_m) for sigma_m in (0.5, 0.3, 0.4, 1.2, 0.1, 0.2)]
-    looseness = Looseness()
-    for k, keyframe in enumerate(keyframes):
-        looseness.take(keyframe, k in (1, 2, 5))
-        if k == 2:  # nothing tells it from the other end yet
-            assert looseness.sigmas_m == pytest.approx([0.0, 0.3, 0.5])
-    between = [math.sqrt(way_m2 * (1.69 - way_m2) / 1.69) for way_m2 in (0.09, 0.25)]
-    assert looseness.sigmas_m == pytest.approx([0.0, *between, 0.0, 0.0, 0.2])
-    assert (Looseness(keyframes, (1, 2, 5)).sigmas_m == looseness.sigmas_m).all()
-    # none knows anything of where the first ones of a drive were
-    first = Looseness(keyframes[1:], (0, 1)).sigmas_m
-    assert first == pytest.approx([*between, 0.0, 0.0, 0.0])
-
-
-def seen_again() -> tuple[list[Keyframe], np.ndarray]:
-    """Keyframes past boxes, and one more that sees them again; and their poses."""
-    rng = np.random.default_rng(3)
-    places = [SE2(x, 0.0, 0.0) for x in (*np.arange(-2.0, 6.0, 0.4), -1.0)]
-    poses = np.array([place.as_array() for place in places])
-    return [kept(WALLS, place, rng) for place in places], poses
-
-
-def test_a_loop_to_a_keyframe_is_as_loose_as_it_lies_among_those_around():
-    # of loops that were told as sure to 2 cm, to keyframes off by 0.6 m, a map was made off as much
-    keyframes, poses = seen_again()
-    closer, pair = LoopCloser(), (3, len(keyframes) - 1)
-    sure, loose = (closer.verified(keyframes, poses, *pair, (0.0, 0.0), one) for one in (0.0, 0.3))
-    assert sure is not None
-    assert loose is not None
-    assert loose.T_earlier_later.is_near(sure.T_earlier_later, 1e-9, 1e-9)
-    covariances = [np.linalg.inv(one.information) for one in (sure, loose)]
-    assert covariances[1][0, 0] - covariances[0][0, 0] == pytest.approx(0.09, rel=0.01)
-    assert covariances[1][1, 1] - covariances[0][1, 1] < 1e-3
-
-
-@pytest.mark.parametrize(("loose", "is_told"), [((3,), True), ((20,), True), ((3, 20), False)])
-def test_two_keyframes_that_leave_open_where_they_lie_tell_nothing_of_one_another(loose, is_told):
-    keyframes, poses = seen_again()
-    assert len(keyframes) == 21
-    loose_m = np.zeros(len(keyframes))
-    loose_m[list(loose)] = 0.1
-    loops = LoopCloser().found(keyframes, poses, [20], loose_m=loose_m, others=range(3, 4))
-    assert [(one.earlier, one.later) for one in loops] == ([(3, 20)] if is_told else [])
-
-
-def test_the_mapper_tells_loops_which_keyframes_lie_loosely(monkeypatch):
-    told, found = list[np.ndarray](), LoopCloser.found
-
-    def noted(*args, **kwargs):
-        told.append(args[6])
-        return found(*args, **kwargs)
-
-    monkeypatch.setattr(LoopCloser, "found", noted)
-    slam_map = mapped()
-    is_open = [step.is_open for step in slam_map.steps if step.is_keyframe]
-    assert any(is_open)
-    assert not all(is_open)
-    assert [bool(one) for one in told[-1] > 0.0] == is_open
-    mapper = Mapper.continued(slam_map, SE2.identity(), SE2.identity())
-    assert [bool(one) for one in mapper._looseness.sigmas_m > 0.0] == is_open
