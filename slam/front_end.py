@@ -291,7 +291,9 @@ class FrontEnd:
         if match.is_told_by_few:
             return False
         config, is_little = self.config, match.least_facing < self.config.least_facing
-        if not told.is_coasting or match.least_facing >= config.ample_facing:
+        # where odometry jumped, by as much, the place it was looked for from says nothing of others
+        is_guessed = told.is_coasting or (told.is_guess and told.other is None)
+        if not is_guessed or match.least_facing >= config.ample_facing:
             return is_little
         way_m = max(
             math.hypot(one.x - told.T_last.x, one.y - told.T_last.y)

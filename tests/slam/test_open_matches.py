@@ -180,6 +180,28 @@ def test_after_a_long_way_a_scan_may_be_at_the_next_of_recesses_alike(way_m):
     assert np.mean(told) > 0.5 if way_m < 1.0 else not any(told)
 
 
+@pytest.mark.parametrize(
+    ("is_coasting", "other", "is_asked"),
+    [(True, None, True), (False, None, True), (False, SE2(0.1, 0.0, 0.0), False)],
+)
+@pytest.mark.parametrize("is_one", [False, True])
+def test_only_where_next_to_nothing_tells_of_the_way_few_surfaces_must_fit_in_one_place(
+    monkeypatch, is_coasting, other, is_asked, is_one
+):
+    # in a second look, which doubts all odometry, scans that fit by chance were 0.97 m off and good; where
+    # it jumped, the place that was right was one of two within reach
+    monkeypatch.setattr("slam.front_end.is_one_place", lambda *_: is_one)
+    here, nothing = SE2(2.0, 1.0, 0.3), np.zeros((3, 3))
+    told = Prediction(here, here, np.eye(3), np.eye(3), 1.0, is_coasting, other)
+    weak = SurfaceMatch(here, np.diag([1.0, 0.01, 1.0]), nothing, 1.0, 1.0, 0.1, 1.0)
+    assert CONFIG.least_facing < weak.least_facing < CONFIG.ample_facing
+    assert FrontEnd(SE2.identity())._is_open(weak, np.zeros((0, 3)), told) is (
+        is_asked and not is_one
+    )
+    sure = replace(told, covariance=0.01 * np.eye(3), is_coasting=False)
+    assert not FrontEnd(SE2.identity())._is_open(weak, np.zeros((0, 3)), sure)
+
+
 @pytest.mark.parametrize(("led_m", "matched_m"), [(0.5, 1.3), (1.3, 0.5)])
 @pytest.mark.parametrize("is_one", [False, True])
 def test_how_far_a_scan_is_slid_is_as_far_as_the_robot_may_have_gone(
