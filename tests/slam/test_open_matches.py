@@ -272,3 +272,44 @@ def test_a_few_points_that_fit_by_chance_do_not_tell(monkeypatch):
         assert told.is_told_by_few is is_told
     monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: False)
     assert closed_match(found, np.zeros((100, 3)), SE2.identity(), ODOMETRY, match, CONFIG) is match
+
+
+@pytest.mark.parametrize(
+    ("is_closed", "costs", "kept"),
+    [
+        ((False, False), (0.05, 0.04), 1),
+        ((False, False), (0.04, 0.05), 0),
+        ((True, False), (0.06, 0.04), 0),
+        ((False, True), (0.04, 0.06), 1),
+    ],
+)
+def test_of_slid_matches_one_that_faces_the_way_is_taken_and_else_the_best(
+    monkeypatch, is_closed, costs, kept
+):
+    slid_m = list[float]()
+    monkeypatch.setattr(
+        "slam.open_matches.is_one_place", lambda *args: slid_m.append(args[3]) or True
+    )
+    match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
+    match = replace(match, inlier_ratio=0.9, cost=0.1)
+    found = [
+        replace(
+            match,
+            T_map_base=match.T_map_base @ SE2(0.3, 0.0, 0.0),
+            information=np.eye(3) if closed else match.information,
+            inlier_ratio=1.0,
+            cost=cost,
+        )
+        for closed, cost in zip(is_closed, costs, strict=True)
+    ]
+
+    class OneAhead(Finding):
+        def match(self, _points, start, *_):
+            return found[start.x > match.T_map_base.x]
+
+    taken = closed_match(
+        OneAhead(match), np.zeros((100, 3)), SE2(-9.0, 0.0, 0.0), ODOMETRY, match, CONFIG
+    )
+    assert taken.cost == costs[kept]
+    assert taken.is_told_by_few is not any(is_closed)
+    assert slid_m == ([] if any(is_closed) else pytest.approx([0.5]))

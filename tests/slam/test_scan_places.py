@@ -122,3 +122,16 @@ def test_scan_that_jumps_says_more_than_those_that_tell_nothing():
     drive.poses[FIRST + 20 :, 0] += 2.0
     (said,) = said_of(drive, told=guess)
     assert "by scans alone" in said
+
+
+@pytest.mark.parametrize(("is_doubted", "fits"), [(False, 1.0), (True, 1.0), (True, 0.9)])
+def test_wheels_that_were_doubted_do_not_deny_scans_that_fit(is_doubted, fits):
+    drive = drive_of(40)
+    drive.steps = drive.steps[:-BLIND]
+    drive.poses[FIRST + 20 :, 0] += 0.6
+    at = FIRST + 20
+    drive.steps[at] = replace(drive.steps[at], inlier_ratio=fits)
+    said = said_of(drive, is_doubted)
+    assert [one.split(" the robot")[0] for one in said] == (
+        [] if is_doubted and fits > 0.94 else [f"at {at:.2f} s"]
+    )
