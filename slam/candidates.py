@@ -91,7 +91,9 @@ class Candidates:
             if held.cost < match.cost + config.better:
                 match = held
         if match.least_facing < config.least_facing:
-            match = closed_match(self._surfaces, points, T_predicted, told.odometry, match, config)
+            match = closed_match(
+                self._surfaces, points, T_predicted, told.odometry, match, config, told.noise
+            )
         return match
 
     def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:

@@ -23,7 +23,7 @@ CONFIG = FrontEndConfig()
 ODOMETRY = np.diag([1.0 / 0.05**2, 1.0 / 0.05**2, 1.0 / 0.02**2])
 
 
-def matched(walls, true: SE2, told: SE2):
+def matched(walls, true: SE2, told: SE2, noise: float = 8.0):
     """Where the front end's first match lies, and the one slid along what that leaves open."""
     rng, surfaces = np.random.default_rng(2), SurfaceMap()
 
@@ -37,7 +37,7 @@ def matched(walls, true: SE2, told: SE2):
         points[:, :2] += [x, 0.0]
         surfaces.add(points)
     match = surfaces.match(seen_at(true), told, told, ODOMETRY)
-    return match, closed_match(surfaces, seen_at(true), told, ODOMETRY, match, CONFIG)
+    return match, closed_match(surfaces, seen_at(true), told, ODOMETRY, match, CONFIG, noise)
 
 
 @pytest.mark.parametrize("off_m", [-0.5, -0.35, 0.35, 0.5])
@@ -249,6 +249,9 @@ def test_more_points_on_surfaces_in_one_place_tell_however_little_they_face_the_
     front_end = FrontEnd(SE2.identity())
     assert not front_end._is_open(told, np.zeros((0, 3)), at)
     assert front_end._is_open(match, np.zeros((0, 3)), at)
+    # people may stand across the way where wheels are good: 0.55 m off and good
+    match, told = matched(walls, true, SE2(0.5 + off_m, 0.0, 0.0), noise=1.0)
+    assert told is match
 
 
 @pytest.mark.parametrize("every_m", [0.3, 0.45])
@@ -267,11 +270,11 @@ def test_a_few_points_that_fit_by_chance_do_not_tell(monkeypatch):
         ratio = match.inlier_ratio + points_more / 100.0
         found = Finding(replace(match, T_map_base=there, inlier_ratio=ratio, cost=0.05))
         told = closed_match(
-            found, np.zeros((100, 3)), SE2.identity(), ODOMETRY, match, CONFIG
+            found, np.zeros((100, 3)), there, ODOMETRY, match, CONFIG
         )  # fmt: skip
         assert told.is_told_by_few is is_told
     monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: False)
-    assert closed_match(found, np.zeros((100, 3)), SE2.identity(), ODOMETRY, match, CONFIG) is match
+    assert closed_match(found, np.zeros((100, 3)), there, ODOMETRY, match, CONFIG) is match
 
 
 @pytest.mark.parametrize(
@@ -308,7 +311,7 @@ def test_of_slid_matches_one_that_faces_the_way_is_taken_and_else_the_best(
             return found[start.x > match.T_map_base.x]
 
     taken = closed_match(
-        OneAhead(match), np.zeros((100, 3)), SE2(-9.0, 0.0, 0.0), ODOMETRY, match, CONFIG
+        OneAhead(match), np.zeros((100, 3)), found[0].T_map_base, ODOMETRY, match, CONFIG
     )
     assert taken.cost == costs[kept]
     assert taken.is_told_by_few is not any(is_closed)
