@@ -24,7 +24,7 @@ from slam.open_runs import OpenRun
 from slam.pauses import Pauses
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.strays import ToldStep, told_step
+from slam.strays import ToldStep, apart_m, told_step
 from slam.surface_map import SurfaceMatch, faced
 from slam.surface_window import SurfaceWindow
 from slam.views import Glances
@@ -115,7 +115,7 @@ class FrontEnd:
         is_coasting = motion is not measurement.motion
         held = self._P
         if is_coasting:
-            way_m = math.hypot(T_predicted.x - T_last.x, T_predicted.y - T_last.y)
+            way_m = apart_m(T_last, T_predicted)
             held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
         usual = self._velocity.motion(self._elapsed_s)
         return Prediction(
@@ -295,10 +295,7 @@ class FrontEnd:
         is_guessed = told.is_coasting or (told.is_guess and told.other is None)
         if not is_guessed or match.least_facing >= config.ample_facing:
             return is_little
-        way_m = max(
-            math.hypot(one.x - told.T_last.x, one.y - told.T_last.y)
-            for one in (told.T_map_base, match.T_map_base)
-        )
+        way_m = max(apart_m(told.T_last, one) for one in (told.T_map_base, match.T_map_base))
         return not is_one_place(self._window.surfaces, points, match, way_m)
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:

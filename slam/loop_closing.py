@@ -184,7 +184,8 @@ class LoopCloser:
             return None
         T_earlier_later = SE2.from_array(poses[earlier]).inverse() @ match.T_map_base
         covariance = np.linalg.inv(match.information) + np.diag(np.square(config.sigma))
-        covariance[:2, :2] += _along_open(keyframes[earlier], T_earlier_later, loose_m)
+        if loose_m > 0.0:
+            covariance[:2, :2] += _along_open(keyframes[earlier], T_earlier_later, loose_m)
         return Loop(
             earlier, later, T_earlier_later, np.asarray(np.linalg.inv(covariance)),
             match.inlier_ratio, passed_ratio,

@@ -3,7 +3,6 @@ soon as the wheels are off; and few tell the place as well as many, if there is 
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.front_end_config import FrontEndConfig
 from slam.se2 import SE2
+from slam.strays import apart_m
 from slam.surface_map import SurfaceMap, SurfaceMatch
 
 LITTLE = 0.01
@@ -108,12 +108,11 @@ def closed_match(
         if other.least_facing >= config.least_facing and other.cost < min(closed.cost, most):
             closed = other
         gained = (other.inlier_ratio - match.inlier_ratio) * len(points)
-        off = (T_predicted.inverse() @ other.T_map_base).log()
-        is_possible = off @ odometry @ off < config.trust * noise
-        if gained >= _FEW and is_possible and other.cost < min(few.cost, most):
-            few = other
+        if gained >= _FEW and other.cost < min(few.cost, most):
+            off = (T_predicted.inverse() @ other.T_map_base).log()
+            few = other if off @ odometry @ off < config.trust * noise else few
     if closed is match and few is not match:
-        off_m = math.hypot(*(few.T_map_base.as_array() - match.T_map_base.as_array())[:2])
+        off_m = apart_m(few.T_map_base, match.T_map_base)
         if is_one_place(surfaces, points, few, off_m + _APART_M):
             return replace(few, is_told_by_few=True)
     return closed
