@@ -58,12 +58,17 @@ def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float) -> 
     off_m = math.hypot(by_scale_m, by_noise_m)
     if off_m < most_m:
         return []
-    known = f"whose scale is known to {100.0 * scale.sigma:.1f} %"
-    noisy = "which by how they agree with scans elsewhere are off by as much"
+    if all(step.is_guess for step in front_end.told_steps[1:]):
+        told_by = "no wheels tell how far the robot went between them"
+    else:
+        known = f"whose scale is known to {100.0 * scale.sigma:.1f} %"
+        noisy = "which by how they agree with scans elsewhere are off by as much"
+        told_by = (
+            "how far the robot went between them the wheels alone tell,"
+            f" {known if by_scale_m > by_noise_m else noisy}"
+        )
     return [
-        "walls along the way look the same all along, and how far the robot went between them the"
-        f" wheels alone tell, {known if by_scale_m > by_noise_m else noisy}: the map may be off by"
-        f" {off_m:.2f} m"
+        f"walls along the way look the same all along, and {told_by}: the map may be off by {off_m:.2f} m"
     ]
 
 
