@@ -71,8 +71,8 @@ def scan_jumps(
         _apart_mps(velocities_mps, is_seen & is_guess),
     )
     apart_m = apart_mps * intervals_s
-    # what jumped says nothing of how fast the robot drives
-    usual_mps = speeds_mps[(speeds_mps > _MOVES_MPS) & ~(apart_m > _APART_M)]
+    # what jumped says nothing of how fast the robot drives, nor does where it was found after a break
+    usual_mps = speeds_mps[is_seen & (speeds_mps > _MOVES_MPS) & ~(apart_m > _APART_M)]
     if len(usual_mps) < _LEAST:
         return []
     is_fast = speeds_mps > _FASTER * np.quantile(usual_mps, _USUAL)

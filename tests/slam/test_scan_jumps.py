@@ -70,6 +70,17 @@ def test_robot_that_speeds_up_for_a_while_does_not_jump():
     assert said_of(driven(step_m)) == []
 
 
+def test_how_far_the_robot_was_found_after_breaks_is_not_how_fast_it_drives():
+    step_m = steps_with(0.8)
+    breaks = range(5, 35, 5)
+    step_m[breaks] += 1.5
+    steps = driven(step_m)
+    for at in breaks:
+        steps = with_status(steps, at, StepStatus.BROKEN)
+    (said,) = said_of(steps)
+    assert said.startswith(f"at {5.0 + STEP_S * AT:.2f} s")
+
+
 def test_scans_that_come_rarely_tell_of_long_ways():
     late = [
         replace(one, time_s=one.time_s + (5.0 if at > FIRST + AT - 1 else 0.0))
