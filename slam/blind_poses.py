@@ -37,15 +37,19 @@ def unknown_blind_poses(
     told: Sequence[ToldStep],
     poses: FloatArray,
     noise: float,
+    is_whole: bool = True,
 ) -> list[str]:
     """In words, that nobody knows where scans were taken that tell nothing, though both ends are known.
 
     first_step: with which the last session begins; told: the motion by the wheels to each of its scans,
     from the one before, by their scale. poses: (K, 3) of the keyframes [m, rad]. noise: variance of the
-    wheels as scans show it, as a multiple of what was told.
+    wheels as scans show it, as a multiple of what was told. is_whole: the map holds together; else nobody
+    knows yet where what broke off lies.
     """
     worst_m, said = _MOST_M, list[str]()
     for start, end in _blind(steps, first_step):
+        if steps[end].status is StepStatus.BROKEN and not is_whole:
+            continue
         before, after = (steps[at].placed(poses) for at in (start, end))
         T_end = before.inverse() @ after
         way = told[start + 1 - first_step : end + 1 - first_step]

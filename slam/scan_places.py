@@ -31,4 +31,5 @@ def unknown_places(
         noise = shown_noise(slam_map.keyframes, poses, to_keyframes) or noise
     scaled = [replace(one, motion=wheels.scaled(one.motion)) for one in told]
     said = scan_jumps(steps, first_step, scaled, poses, noise, is_odometry_doubted)
-    return said or unknown_blind_poses(steps, first_step, scaled, poses, noise)
+    is_whole = slam_map.verdict.is_good
+    return said or unknown_blind_poses(steps, first_step, scaled, poses, noise, is_whole)

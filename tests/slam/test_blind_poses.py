@@ -191,3 +191,11 @@ def test_scan_that_is_a_keyframe_all_the_same_is_an_end():
     )
     assert said_of(told)
     assert said_of(told, steps) == []
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_where_what_broke_off_lies_is_not_known_before_the_map_holds_together(is_whole):
+    broken, told = steps_of(StepStatus.BROKEN), told_by(1.0)
+    seen = steps_of(StepStatus.MATCHED)
+    assert bool(unknown_blind_poses(broken, FIRST, told, POSES, 1.0, is_whole)) is is_whole
+    assert unknown_blind_poses(seen, FIRST, told, POSES, 1.0, is_whole)

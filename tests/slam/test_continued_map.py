@@ -147,6 +147,21 @@ def test_start_that_is_told_needs_no_search_and_a_wrong_one_is_not_believed(firs
     assert slam_map.unjoined == (1,)
 
 
+def test_what_no_later_session_can_say_is_not_forgotten_when_it_ties_what_broke_off():
+    # scans that tell nothing, by noisy wheels; then as many that a second session drives by as well
+    way = ring.way(0.7)
+    drive = ring.drive(way[:200], np.random.default_rng(2))
+    drive = ring.blinded(ring.blinded(drive, 60, 85), 120, 190)
+    noisy = np.diag(np.square([0.12, 0.12, 0.02]))
+    drive[60:86] = [replace(one, motion_covariance=noisy) for one in drive[60:86]]
+    made, _ = mapped(drive)
+    torn, unknown = made.verdict.reasons
+    assert "broke off" in torn
+    assert unknown.startswith("from 11.80 to 17.00 s no scan tells where the robot is")
+    made, _ = continued(made, ring.drive(way[90:230], np.random.default_rng(5)))
+    assert made.verdict.reasons == (unknown,)
+
+
 def test_session_that_saw_nothing_fails_the_map(first):
     measurements = ring.drive(SECOND[:5], np.random.default_rng(1))
     slam_map, _ = continued(first, ring.blinded(measurements, 0, 5))

@@ -8,6 +8,7 @@ import pytest
 
 from slam.beams import Beams
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.map_consistency import MapVerdict
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.measurements import Measurement
@@ -32,7 +33,12 @@ def drive_of(seen: int) -> SimpleNamespace:
         steps.append(step_of(len(x_m) - 1.0 + k, len(x_m) - 1, STEP.x * k, status, False))
     no_beams = Beams(np.empty((0, 2)), np.empty(0), np.empty(0))
     keyframe = Keyframe(0.0, STEP, STEP, 1e-6 * np.eye(3), np.empty((0, 2)), no_beams, False)
-    return SimpleNamespace(steps=steps, poses=poses, keyframes=[keyframe] * len(x_m))
+    return SimpleNamespace(
+        steps=steps,
+        poses=poses,
+        keyframes=[keyframe] * len(x_m),
+        verdict=MapVerdict(True, 0.0, 0.0, 0),
+    )
 
 
 def step_of(
