@@ -52,6 +52,7 @@ class FrontEnd:
         self._told = ToldStep.none()
         self._laser = FrozenLaser()
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
+        self._open_m = 0.0
         self._pauses = Pauses(self.config.pauses)
         self._velocity = ConstantVelocity()
 
@@ -62,6 +63,7 @@ class FrontEnd:
         told = self._predicted(measurement, other)
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
         is_open = match is not None and self._is_open(match, points, told)
+        self._open_m = self._open_way_m(told, match) if match is not None and is_open else 0.0
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
         trust = told.noise * self.config.surely_wrong
         self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
@@ -295,8 +297,13 @@ class FrontEnd:
         is_guessed = told.is_coasting or (told.is_guess and told.other is None)
         if not is_guessed or match.least_facing >= config.ample_facing:
             return is_little
-        way_m = max(apart_m(told.T_last, one) for one in (told.T_map_base, match.T_map_base))
+        way_m = self._open_way_m(told, match)
         return not is_one_place(self._window.surfaces, points, match, way_m)
+
+    def _open_way_m(self, told: Prediction, match: SurfaceMatch) -> float:
+        """How far the robot went at most since the last scan that left nothing open."""
+        ends = told.T_map_base, match.T_map_base
+        return self._open_m + max(apart_m(told.T_last, end) for end in ends)
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:

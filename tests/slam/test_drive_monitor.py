@@ -120,6 +120,50 @@ def test_way_that_neither_scans_nor_wheels_tell_may_be_told_by_loops(sigma_m, is
         assert said[0].startswith("from 3.00 to 9.00 s neither scans nor wheels tell how far")
 
 
+@pytest.mark.parametrize(
+    ("sees", "ends"),
+    [
+        ((), [(3, 12)]),
+        ((7,), [(3, 12)]),
+        ((7, 8), [(3, 12)]),
+        ((7, 8, 9), [(3, 7)]),
+        # from the third of them on
+        ((5, 6, 7), [(7, 12)]),
+    ],
+)
+def test_one_scan_of_many_that_seems_to_see_does_not_end_what_nothing_measured(sees, ends):
+    # 16 m off and good: of 37 scans between bare walls one fitted in one place by noise
+    monitor, asked = DriveMonitor(5.0), list[tuple[int, int]]()
+    steps = [
+        FrontEndStep(
+            float(k), k, SE2.identity(), SE2(0.3 * k, 0.0, 0.0), StepStatus.MATCHED, 0.9, True,
+            is_open=4 <= k < 12 and k not in sees,
+        )
+        for k in range(16)
+    ]  # fmt: skip
+    for step in steps:
+        measurement = Measurement(step.time_s, SE2.identity(), SCAN, 9.0 * np.eye(3))
+        monitor.take(measurement, step.T_map_base, step, 9.0)
+    monitor.objections(steps, lambda *ends: asked.append(ends) or 0.0)
+    assert asked == ends
+
+
+def test_where_wheels_measured_the_way_one_scan_sees_where_the_robot_is():
+    monitor, asked = DriveMonitor(1.0), list[tuple[int, int]]()
+    steps = [
+        FrontEndStep(
+            float(k), k, SE2.identity(), SE2(0.3 * k, 0.0, 0.0), StepStatus.MATCHED, 0.9, True,
+            is_open=k % 8 > 0,
+        )
+        for k in range(17)
+    ]  # fmt: skip
+    for step in steps:
+        measurement = Measurement(step.time_s, SE2(0.3, 0.0, 0.0), SCAN, 0.08 * np.eye(3))
+        monitor.take(measurement, step.T_map_base, step, 0.08)
+    assert monitor.objections(steps, lambda *ends: asked.append(ends) or 9.0) == []
+    assert asked == []
+
+
 @pytest.mark.parametrize("is_open", [True, False])
 def test_how_far_odometry_jumped_the_scan_itself_tells_or_nobody(is_open):
     # 1.9 m back at once between walls that look the same: much less than wheels are believed for, and

@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slam.candidates import Prediction
+from slam.candidates import Candidates, Prediction
 from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
+from slam.keyframes import StepStatus
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.open_matches import closed_match, is_one_place
@@ -219,16 +220,49 @@ def test_how_far_a_scan_is_slid_is_as_far_as_the_robot_may_have_gone(
     assert ways_m == pytest.approx([1.3])
 
 
-@pytest.mark.parametrize(("every_m", "fastest_m"), [(1.2, 0.6), (1.2, 0.8), (1.5, 0.8)])
-def test_among_recesses_alike_a_robot_without_wheels_is_right_or_knows_nothing(every_m, fastest_m):
-    # 2 to 22 m off and good: their few sides made scans fit half-way between two of them
-    walls = pillared(every_m, depth_m=0.05, half_m=29.0)
+def test_after_scans_that_left_the_way_open_the_robot_may_be_as_far_off_as_it_went_meanwhile(
+    monkeypatch,
+):
+    ways_m, answers = list[float](), iter([False, False, True, True])
+    monkeypatch.setattr(
+        "slam.front_end.is_one_place", lambda *args: ways_m.append(args[3]) or next(answers)
+    )
+    nothing = np.zeros((3, 3))
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
+    weak = SurfaceMatch(SE2(0.4, 0.0, 0.0), nothing, nothing, 1.0, 1.0, 0.1, 1.0)
+    monkeypatch.setattr(front_end, "_believed", lambda *_: (weak, StepStatus.MATCHED, 0.0))
+    for k in range(4):
+        scan = scan_of(BARE, SE2.identity(), rng, 0.01, range_max_m=8.0)
+        front_end.T_map_base = SE2.identity()
+        front_end.update(Measurement(float(k), SE2.identity(), scan, np.eye(3)))
+    assert ways_m == pytest.approx([0.4, 0.8, 1.2, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("walls", "beams", "fastest_m", "seed"),
+    [
+        # 2 to 22 m off and good: their few sides made scans fit half-way between two of them
+        (pillared(1.2, 0.05, 29.0), 481, 0.6, 1),
+        (pillared(1.2, 0.05, 29.0), 481, 0.8, 1),
+        (pillared(1.5, 0.05, 29.0), 481, 0.8, 1),
+        # 16 m off and good: one scan of many fits in one place by chance
+        (BARE, 1081, 0.6, 1),
+        # the same: who has gone open for a while may be at the second pillar as well
+        (pillared(1.0, 0.05, 29.0), 181, 0.6, 3),
+        (pillared(1.2, 0.02, 29.0), 361, 0.6, 5),
+    ],
+)
+def test_among_walls_alike_a_robot_without_wheels_is_right_or_knows_nothing(
+    walls, beams, fastest_m, seed
+):
     speeds_up = np.arange(0.1, fastest_m, 0.1)
     goes = [*speeds_up, *[fastest_m] * 6, *speeds_up[::-1], 0.0, 0.0]
     true_m = np.cumsum([-20.0, *goes, *goes, *speeds_up, *[fastest_m] * 3])
-    mapper, rng = Mapper(SE2.identity()), np.random.default_rng(1)
+    mapper, rng = Mapper(SE2.identity()), np.random.default_rng(seed)
+    angles_rad = np.radians(np.linspace(-135.0, 135.0, beams))
     for index, at_m in enumerate(true_m):
-        scan = scan_of(walls, SE2(float(at_m), 0.0, 0.0), rng, 0.01, range_max_m=8.0)
+        pose = SE2(float(at_m), 0.0, 0.0)
+        scan = scan_of(walls, pose, rng, 0.01, angles_rad, range_max_m=8.0)
         mapper.update(Measurement(float(index), SE2.identity(), scan, np.eye(3)))
     slam_map = mapper.finish()
     off_m = slam_map.trajectory.poses[-1, 0] - np.ptp(true_m)
