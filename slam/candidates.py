@@ -24,7 +24,8 @@ _WIDER = 1.5
 else. Chosen."""
 _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""
-
+_STANDS = 1e-6
+"""[m], [rad]: odometry that tells of less tells of nothing."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -85,15 +86,18 @@ class Candidates:
         for start in told.others:
             other = self._surfaces.match(points, start, T_predicted, told.odometry)
             match = other if other.cost < match.cost - better else match
+        # odometry that stands while scans move may tell late of a way, and denies little
+        stands = T_predicted.is_near(told.T_last, _STANDS, _STANDS)
         if told.squared(match) > config.trust:
-            # walls seen for the first time may draw a scan along those known
+            # walls seen for the first time may draw a scan along those known, and people
+            is_denied = not stands and told.squared(match) > told.noise * config.surely_wrong
             held = self.held(points, told)
-            if held.cost < match.cost + config.better:
+            if held.cost < match.cost + (config.better_against if is_denied else config.better):
                 match = held
         if match.least_facing < config.least_facing:
             match = closed_match(
-                self._surfaces, points, T_predicted, told.odometry, match, config, told.noise
-            )
+                self._surfaces, points, T_predicted, told.odometry, match, config, told.noise, stands
+            )  # fmt: skip
         return match
 
     def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:

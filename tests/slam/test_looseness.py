@@ -35,6 +35,13 @@ def test_keyframes_between_two_that_see_where_they_are_lie_as_loosely_as_both_en
     assert first == pytest.approx([*between, 0.0, 0.0, 0.0])
 
 
+def test_a_way_that_is_open_aside_is_as_loose_as_one_ahead():
+    keyframes = [keyframe_of(0.3) for _ in range(3)]
+    turned = np.diag([0.01, 0.3, 0.01]) ** 2
+    aside = [replace(one, covariance=turned) for one in keyframes]
+    assert Looseness(aside, (1,)).sigmas_m == pytest.approx(Looseness(keyframes, (1,)).sigmas_m)
+
+
 def seen_again(turned_rad: float = 0.0) -> tuple[list[Keyframe], np.ndarray]:
     """Keyframes past boxes, and one more that sees them again; and their poses."""
     rng = np.random.default_rng(3)

@@ -83,7 +83,7 @@ def test_what_lies_far_from_where_the_wheels_lead_is_not_slid_to(off_m, is_taken
     there = match.T_map_base @ SE2(off_m, 0.0, 0.0)
     found = replace(match, T_map_base=there, information=np.eye(3), cost=match.cost - 0.02)
     closed = closed_match(
-        Finding(found), np.zeros((50, 3)), SE2.identity(), ODOMETRY, match, CONFIG
+        Finding(found), np.zeros((50, 3)), SE2.identity(), ODOMETRY, match, CONFIG, math.inf
     )
     assert (closed is found) is is_taken
 
@@ -179,6 +179,11 @@ def test_after_a_long_way_a_scan_may_be_at_the_next_of_recesses_alike(way_m):
     doors = recessed(*np.arange(-29.0, 28.0, 1.5))
     told = [is_one_place(*match_of(doors, seed), way_m) for seed in range(10)]
     assert np.mean(told) > 0.5 if way_m < 1.0 else not any(told)
+
+
+def test_a_scan_that_does_not_find_back_from_afar_is_in_one_place_if_it_fits_far_worse_there():
+    # doors 4.3 m apart, slid by 1.2 m: a fifth of the scan lies on nothing where it ends
+    assert all(is_one_place(*match_of(DOORS, seed), 1.2) for seed in range(10))
 
 
 @pytest.mark.parametrize(
@@ -288,6 +293,48 @@ def test_more_points_on_surfaces_in_one_place_tell_however_little_they_face_the_
     assert told is match
 
 
+@pytest.mark.parametrize("is_led", [False, True])
+def test_what_is_seen_across_the_way_where_good_wheels_cannot_have_led_are_people(is_led):
+    """Of odometry that is held loosely, or slid along the way that a scan leaves open: of both."""
+    match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
+    there = match.T_map_base @ SE2(0.25, 0.0, 0.0)
+    found = replace(match, T_map_base=there, information=np.eye(3), cost=match.cost - 0.1)
+
+    class OneWay(Finding):
+        def match(self, _points, start, T_predicted, *_):
+            return self._found if (start is T_predicted) is is_led else match
+
+    for noise, is_taken in ((0.4, False), (0.5, True)):  # five standard deviations of 5 cm are 25
+        told = OneWay(found), np.zeros((50, 3)), match.T_map_base, ODOMETRY, match, CONFIG, noise
+        assert (closed_match(*told) is found) is is_taken
+
+
+def test_odometry_that_stands_may_tell_late_of_a_way_but_few_points_do_not(monkeypatch):
+    monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: True)
+    match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
+    match = replace(match, inlier_ratio=0.9)
+    there = match.T_map_base @ SE2(0.5, 0.0, 0.0)
+    faces = replace(match, T_map_base=there, information=np.eye(3), cost=match.cost - 0.1)
+    few = replace(match, T_map_base=there, inlier_ratio=1.0, cost=match.cost - 0.1)
+    for found, is_taken in ((faces, True), (few, False)):
+        told = Finding(found), np.zeros((100, 3)), match.T_map_base, ODOMETRY, match, CONFIG, 1.0
+        assert (closed_match(*told, stands=True) is not match) is is_taken
+        assert closed_match(*told) is match
+
+
+def test_it_is_told_whether_odometry_stands(monkeypatch):
+    told_of = list[tuple[float, bool]]()
+    monkeypatch.setattr(
+        "slam.candidates.closed_match", lambda *args: told_of.append(args[6:]) or args[4]
+    )
+    surfaces, points, _ = match_of(BARE, 0)
+    last = SE2(0.1, 0.0, 0.0)
+    for at_m in (0.1, 0.15):
+        told = Prediction(last, SE2(at_m, 0.0, 0.0), np.eye(3), ODOMETRY, 3.0, is_coasting=False)
+        Candidates(surfaces, [], CONFIG).led(points, told)
+    assert told_of == [(3.0, True), (3.0, False)]
+
+
 @pytest.mark.parametrize("every_m", [0.3, 0.45])
 @pytest.mark.parametrize("off_m", [-0.5, -0.25, 0.25, 0.5])
 def test_pillars_that_look_the_same_are_not_few_that_tell(every_m, off_m):
@@ -304,11 +351,12 @@ def test_a_few_points_that_fit_by_chance_do_not_tell(monkeypatch):
         ratio = match.inlier_ratio + points_more / 100.0
         found = Finding(replace(match, T_map_base=there, inlier_ratio=ratio, cost=0.05))
         told = closed_match(
-            found, np.zeros((100, 3)), there, ODOMETRY, match, CONFIG
+            found, np.zeros((100, 3)), there, ODOMETRY, match, CONFIG, 1.0
         )  # fmt: skip
         assert told.is_told_by_few is is_told
     monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: False)
-    assert closed_match(found, np.zeros((100, 3)), there, ODOMETRY, match, CONFIG) is match
+    args = np.zeros((100, 3)), there, ODOMETRY, match, CONFIG, 1.0
+    assert closed_match(found, *args) is match
 
 
 @pytest.mark.parametrize(
@@ -345,7 +393,7 @@ def test_of_slid_matches_one_that_faces_the_way_is_taken_and_else_the_best(
             return found[start.x > match.T_map_base.x]
 
     taken = closed_match(
-        OneAhead(match), np.zeros((100, 3)), found[0].T_map_base, ODOMETRY, match, CONFIG
+        OneAhead(match), np.zeros((100, 3)), found[0].T_map_base, ODOMETRY, match, CONFIG, math.inf
     )
     assert taken.cost == costs[kept]
     assert taken.is_told_by_few is not any(is_closed)

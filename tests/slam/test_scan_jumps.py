@@ -124,6 +124,24 @@ def test_scans_that_jump_where_wheels_went_on_fail_the_map(jump_m):
         assert scan_jumps(steps, FIRST, [*on[:AT], one, *on[AT + 1 :]], POSES, 1.0) == []
 
 
+def test_wheels_that_tell_of_a_way_within_a_brief_interval_go_on():
+    # 12 mm in 0.1 s are 0.12 m/s: slower than a robot that stands only if metres were taken for speeds
+    step_m = np.full(COUNT, 0.012)
+    step_m[AT] += 0.6
+    steps = [replace(one, time_s=0.1 * k) for k, one in enumerate(driven(step_m))]
+    on = [ToldStep(SE2(0.012, 0.0, 0.0), TOLD)] * COUNT
+    assert "by scans against the wheels" in scan_jumps(steps, FIRST, on, POSES, 1.0)[0]
+    creeps = [ToldStep(SE2(0.004, 0.0, 0.0), TOLD)] * COUNT
+    assert scan_jumps(steps, FIRST, creeps, POSES, 1.0) == []
+
+
+@pytest.mark.parametrize("status", [StepStatus.BROKEN, StepStatus.CARRIED])
+def test_what_no_scan_placed_has_not_jumped_against_the_wheels(status):
+    steps = with_status(driven(steps_with(0.6)), AT, status)
+    on = [ToldStep(SE2(STEP_M, 0.0, 0.0), TOLD)] * COUNT
+    assert scan_jumps(steps, FIRST, on, POSES, 1.0) == []
+
+
 @pytest.mark.parametrize(
     ("at", "fits"), [(AT + 1, 0.93), (AT - 2, 0.93), (AT - 3, 0.5), (AT, 0.95)]
 )

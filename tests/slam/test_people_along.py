@@ -1,0 +1,94 @@
+"""People who walk along between bare walls, where nothing but them and the wheels tells of the way."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slam.candidates import Candidates, Prediction
+from slam.front_end_config import FrontEndConfig
+from slam.mapping import Mapper
+from slam.measurements import Measurement
+from slam.se2 import SE2
+from slam.surface_map import SurfaceMap, faced
+from tests.slam.synthetic import box, room, scan_of
+
+# 14 m of bare walls between two ends with things to see
+WALLS = np.concatenate(
+    [
+        room(-6.0, -1.0, 20.0, 1.0),
+        box(-3.0, 0.4, -2.2, 1.0),
+        box(-1.0, -1.0, -0.5, -0.5),
+        box(15.0, 0.3, 15.6, 1.0),
+        box(17.0, -1.0, 17.9, -0.4),
+    ]
+)
+ANGLES_RAD = np.radians(np.linspace(-135.0, 135.0, 361))
+CONFIG = FrontEndConfig()
+
+
+def person(x: float, y: float) -> np.ndarray:
+    """Two legs."""
+    legs = [box(x - 0.06, y + aside - 0.06, x + 0.06, y + aside + 0.06) for aside in (-0.15, 0.15)]
+    return np.concatenate(legs)
+
+
+def ahead(x: float) -> list[np.ndarray]:
+    """Of a robot at x, one who walks two metres ahead of it for a while."""
+    return [person(x + 2.0, 0.3)] if 3.0 < x < 8.0 else []
+
+
+def slower(x: float) -> list[np.ndarray]:
+    """Two, whom the robot comes up to."""
+    first = 5.0 + 0.6 * (x - 3.0)
+    return [person(first, 0.4), person(first + 0.3, -0.4)] if 3.0 < x < 8.0 else []
+
+
+@pytest.mark.parametrize("people", [ahead, slower])
+@pytest.mark.parametrize("step_m", [0.5, 1.0])
+@pytest.mark.parametrize("sigma_m", [0.003, 0.01])
+def test_good_wheels_are_believed_rather_than_people_who_walk_along(people, step_m, sigma_m):
+    # 0.3 to 4 m off, and some of them good
+    rng, mapper, true_m = np.random.default_rng(0), Mapper(SE2.identity()), np.arange(0, 16, step_m)
+    for k, x in enumerate(true_m):
+        walls = np.concatenate([WALLS, *people(x)])
+        scan = scan_of(walls, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
+        off_m = rng.normal(0.0, sigma_m * math.sqrt(step_m))
+        motion = SE2(step_m + off_m, 0.0, rng.normal(0.0, 0.005)) if k else SE2.identity()
+        told = np.diag([sigma_m**2 * step_m + 1e-6, 1e-4, 1e-4])
+        mapper.update(Measurement(step_m * k, motion, scan, told))
+    slam_map = mapper.finish()
+    off_m = np.abs(slam_map.trajectory.poses[:, 0] - true_m).max()
+    assert off_m < 0.3
+    # of a scan each metre there are too few to learn the wheels' scale
+    assert slam_map.verdict.is_good or step_m == 1.0
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "gone_m", "is_led"), [(0.01, 0.5, True), (0.3, 0.5, False), (0.01, 0.0, False)]
+)
+def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_people(
+    sigma_m, gone_m, is_led
+):
+    """Of a person who went as far as the robot; but odometry that stands may tell late of a way."""
+    rng, surfaces = np.random.default_rng(1), SurfaceMap()
+    for x in (-0.5, 0.0):
+        surfaces.add(moved_by(x, seen(x, [person(x + 2.0, 0.3)], rng)))
+    points = seen(0.5, [person(2.5, 0.3)], rng)
+    led = SE2(0.5, 0.0, 0.0)
+    last = led @ SE2(-gone_m, 0.0, 0.0)
+    covariance = np.diag([sigma_m**2, sigma_m**2, 0.01**2])
+    information = np.linalg.inv(covariance)
+    told = Prediction(last, led, covariance, information, 1.0, is_coasting=False)
+    match = Candidates(surfaces, [], CONFIG).led(points, told)
+    assert match.T_map_base.is_near(led, 0.1, 0.02) is is_led
+
+
+def seen(x: float, people: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
+    walls = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), *people])
+    scan = scan_of(walls, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
+    return faced(scan.points(SE2.identity()), np.zeros(2))
+
+
+def moved_by(x: float, points: np.ndarray) -> np.ndarray:
+    return points + np.array([x, 0.0, 0.0])
