@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from slam.kernels.visibility import contradictions
 from slam.keyframes import Keyframe
 from slam.open_matches import LITTLE, closed_match
 from slam.se2 import SE2
-from slam.surface_map import SurfaceMap, SurfaceMatch
+from slam.surface_map import SurfaceMap, SurfaceMatch, moved
 
 _WIDER = 1.5
 """Of a search's reach: matches may slide off from where it looked; farther, they are of something
@@ -26,6 +27,9 @@ _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""
 _STANDS = 1e-6
 """[m], [rad]: odometry that tells of less tells of nothing."""
+_BEFORE, _SEEN_THERE = slice(-12, -3), (0.1, 0.1)
+"""Keyframes since which people have walked on; and [m], [rad] within which a scan matched with these says the
+same. Chosen."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -63,6 +67,12 @@ class Prediction:
             return []
         return [self.T_last] if self.other is None else [self.T_last, self.T_last @ self.other]
 
+    def is_denying(self, match: SurfaceMatch, most: float) -> bool:
+        """Whether the wheels, as noisy as they show, deny a match by more than so much of their normalised
+        error squared. Those that stand may tell late of a way, and deny nothing."""
+        stands = self.T_map_base.is_near(self.T_last, _STANDS, _STANDS)
+        return not stands and self.squared(match) > self.noise * most
+
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""
         innovation = (self.T_map_base.inverse() @ match.T_map_base).log()
@@ -86,19 +96,31 @@ class Candidates:
         for start in told.others:
             other = self._surfaces.match(points, start, T_predicted, told.odometry)
             match = other if other.cost < match.cost - better else match
-        # odometry that stands while scans move may tell late of a way, and denies little
-        stands = T_predicted.is_near(told.T_last, _STANDS, _STANDS)
         if told.squared(match) > config.trust:
             # walls seen for the first time may draw a scan along those known, and people
-            is_denied = not stands and told.squared(match) > told.noise * config.surely_wrong
+            is_denied = told.is_denying(match, config.surely_wrong)
             held = self.held(points, told)
             if held.cost < match.cost + (config.better_against if is_denied else config.better):
                 match = held
         if match.least_facing < config.least_facing:
             match = closed_match(
-                self._surfaces, points, T_predicted, told.odometry, match, config, told.noise, stands
+                self._surfaces, points, T_predicted, told.odometry, match, config, told.noise,
+                partial(self._are_people, points, told),
             )  # fmt: skip
         return match
+
+    def _are_people(self, points: FloatArray, told: Prediction, match: SurfaceMatch) -> bool:
+        """Whether what a match of faced points (N, 3) sees walked along: where wheels cannot have led, and
+        no keyframe a while before saw it. Walls that wheels slip along, or tell late of, were there."""
+        if not told.is_denying(match, self._config.surely_wrong):
+            return False
+        before, T, nothing = SurfaceMap(self._config.surfaces), match.T_map_base, np.zeros((3, 3))
+        for keyframe in self._keyframes[_BEFORE] or self._keyframes[:1]:
+            if len(keyframe.points):
+                before.add(moved(keyframe.T_map_base, keyframe.faced))
+        seen = before.match(points, T, T, nothing)
+        is_there = seen.least_facing >= self._config.least_facing
+        return not (is_there and seen.T_map_base.is_near(T, *_SEEN_THERE))
 
     def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
         """The match from where the wheels lead that gives in to the scan less than others do."""

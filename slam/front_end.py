@@ -63,7 +63,8 @@ class FrontEnd:
         told = self._predicted(measurement, other)
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
         is_open = match is not None and self._is_open(match, points, told)
-        self._open_m = self._open_way_m(told, match) if match is not None and is_open else 0.0
+        is_told = (match and not is_open) or status is StepStatus.BROKEN
+        self._open_m = 0.0 if is_told else self._open_way_m(told, match)
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
         trust = told.noise * self.config.surely_wrong
         self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
@@ -300,9 +301,9 @@ class FrontEnd:
         way_m = self._open_way_m(told, match)
         return not is_one_place(self._window.surfaces, points, match, way_m)
 
-    def _open_way_m(self, told: Prediction, match: SurfaceMatch) -> float:
-        """How far the robot went at most since the last scan that left nothing open."""
-        ends = told.T_map_base, match.T_map_base
+    def _open_way_m(self, told: Prediction, match: SurfaceMatch | None) -> float:
+        """How far the robot went at most since the last scan that told its place."""
+        ends = [told.T_map_base] + ([] if match is None else [match.T_map_base])
         return self._open_m + max(apart_m(told.T_last, end) for end in ends)
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:

@@ -3,6 +3,7 @@ soon as the wheels are off; and few tell the place as well as many, if there is 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -81,27 +82,23 @@ def closed_match(
     match: SurfaceMatch,
     config: FrontEndConfig,
     noise: float,
-    stands: bool = False,
+    are_people: Callable[[SurfaceMatch], bool] = lambda _: False,
 ) -> SurfaceMatch:
     """A match of faced points (N, 3) that leaves a direction open, or a better one that does not.
 
-    odometry: (3, 3) information of T_predicted; noise: see `WheelScale`; stands: it told of no way. First where wheels that say little lead: of odometry that is off, wheels hold the scan where what is
-    ahead counts as an outlier. Then farther along the open direction: noisy wheels lead past the few
-    surfaces that tell, be they so few that they hardly count, if more of the scan lies on surfaces in that
-    one place. What is seen across the open direction where wheels with such a noise cannot have led are
-    people; wheels that stand may tell late of a way, and deny nothing but that few points tell it.
+    odometry: (3, 3) information of T_predicted. First where wheels that say little lead: of odometry
+    that stands still while the robot drives, wheels hold the scan where what is ahead counts as an
+    outlier. Then farther along the open direction: noisy wheels lead past the few surfaces that tell, be
+    they so few that they hardly count, if more of the scan lies on surfaces in that one place, and wheels
+    with such a noise do not deny it: see `WheelScale`. are_people: whether what a better match sees across
+    the open direction walked along.
     """
-
-    def is_denied(other: SurfaceMatch, most: float) -> bool:
-        off = (T_predicted.inverse() @ other.T_map_base).log()
-        return bool(off @ odometry @ off >= most * noise)
-
     free = surfaces.match(points, T_predicted, T_predicted, LITTLE * odometry)
     is_better = (
         free.cost < match.cost - config.better
         and free.least_facing >= config.least_facing
         and free.T_map_base.is_near(T_predicted, *_NEAR)
-        and (stands or not is_denied(free, config.surely_wrong))
+        and not are_people(free)
     )
     if is_better:
         return free
@@ -112,16 +109,16 @@ def closed_match(
     for slid_m in (sign * way_m for way_m in _SLID_M for sign in (1.0, -1.0)):
         start = match.T_map_base @ SE2.exp(slid_m * slide)
         other = surfaces.match(points, start, T_predicted, LITTLE * odometry)
-        is_near = other.T_map_base.is_near(match.T_map_base, *_MOST_SLID)
-        if not is_near or (not stands and is_denied(other, config.surely_wrong)):
+        if not other.T_map_base.is_near(match.T_map_base, *_MOST_SLID):
             continue
         most = match.cost - _SLID_BETTER
-        if other.least_facing >= config.least_facing and other.cost < min(closed.cost, most):
+        is_closed = other.least_facing >= config.least_facing
+        if is_closed and other.cost < min(closed.cost, most) and not are_people(other):
             closed = other
         gained = (other.inlier_ratio - match.inlier_ratio) * len(points)
-        is_more = gained >= _FEW and other.cost < min(few.cost, most)
-        if is_more and not is_denied(other, config.trust):
-            few = other
+        if gained >= _FEW and other.cost < min(few.cost, most):
+            off = (T_predicted.inverse() @ other.T_map_base).log()
+            few = other if off @ odometry @ off < config.trust * noise else few
     if closed is match and few is not match:
         off_m = apart_m(few.T_map_base, match.T_map_base)
         if is_one_place(surfaces, points, few, off_m + _APART_M):

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slam.candidates import Candidates, Prediction
+from slam.candidates import Prediction
 from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import StepStatus
@@ -228,19 +228,23 @@ def test_how_far_a_scan_is_slid_is_as_far_as_the_robot_may_have_gone(
 def test_after_scans_that_left_the_way_open_the_robot_may_be_as_far_off_as_it_went_meanwhile(
     monkeypatch,
 ):
-    ways_m, answers = list[float](), iter([False, False, True, True])
+    ways_m, answers = list[float](), iter([False, False, True, False, False, False])
     monkeypatch.setattr(
         "slam.front_end.is_one_place", lambda *args: ways_m.append(args[3]) or next(answers)
     )
     nothing = np.zeros((3, 3))
     front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
     weak = SurfaceMatch(SE2(0.4, 0.0, 0.0), nothing, nothing, 1.0, 1.0, 0.1, 1.0)
-    monkeypatch.setattr(front_end, "_believed", lambda *_: (weak, StepStatus.MATCHED, 0.0))
-    for k in range(4):
+    open_, blind = (weak, StepStatus.MATCHED, 0.0), (None, StepStatus.CARRIED, 0.0)
+    broken = None, StepStatus.BROKEN, 0.0
+    placed = iter([open_, open_, open_, open_, blind, open_, broken, open_])
+    monkeypatch.setattr(front_end, "_believed", lambda *_: next(placed))
+    for k in range(8):
         scan = scan_of(BARE, SE2.identity(), rng, 0.01, range_max_m=8.0)
         front_end.T_map_base = SE2.identity()
         front_end.update(Measurement(float(k), SE2.identity(), scan, np.eye(3)))
-    assert ways_m == pytest.approx([0.4, 0.8, 1.2, 0.4])
+    # the third told its place; a scan that tells nothing does not, and after a break all is new
+    assert ways_m == pytest.approx([0.4, 0.8, 1.2, 0.4, 1.2, 0.4])
 
 
 @pytest.mark.parametrize(
@@ -294,7 +298,8 @@ def test_more_points_on_surfaces_in_one_place_tell_however_little_they_face_the_
 
 
 @pytest.mark.parametrize("is_led", [False, True])
-def test_what_is_seen_across_the_way_where_good_wheels_cannot_have_led_are_people(is_led):
+@pytest.mark.parametrize("are_people", [False, True])
+def test_people_across_the_way_are_not_taken_for_it(is_led, are_people):
     """Of odometry that is held loosely, or slid along the way that a scan leaves open: of both."""
     match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
     there = match.T_map_base @ SE2(0.25, 0.0, 0.0)
@@ -304,35 +309,12 @@ def test_what_is_seen_across_the_way_where_good_wheels_cannot_have_led_are_peopl
         def match(self, _points, start, T_predicted, *_):
             return self._found if (start is T_predicted) is is_led else match
 
-    for noise, is_taken in ((0.4, False), (0.5, True)):  # five standard deviations of 5 cm are 25
-        told = OneWay(found), np.zeros((50, 3)), match.T_map_base, ODOMETRY, match, CONFIG, noise
-        assert (closed_match(*told) is found) is is_taken
-
-
-def test_odometry_that_stands_may_tell_late_of_a_way_but_few_points_do_not(monkeypatch):
-    monkeypatch.setattr("slam.open_matches.is_one_place", lambda *_: True)
-    match, _ = matched(BARE, SE2(0.5, 0.0, 0.0), SE2(0.5, 0.0, 0.0))
-    match = replace(match, inlier_ratio=0.9)
-    there = match.T_map_base @ SE2(0.5, 0.0, 0.0)
-    faces = replace(match, T_map_base=there, information=np.eye(3), cost=match.cost - 0.1)
-    few = replace(match, T_map_base=there, inlier_ratio=1.0, cost=match.cost - 0.1)
-    for found, is_taken in ((faces, True), (few, False)):
-        told = Finding(found), np.zeros((100, 3)), match.T_map_base, ODOMETRY, match, CONFIG, 1.0
-        assert (closed_match(*told, stands=True) is not match) is is_taken
-        assert closed_match(*told) is match
-
-
-def test_it_is_told_whether_odometry_stands(monkeypatch):
-    told_of = list[tuple[float, bool]]()
-    monkeypatch.setattr(
-        "slam.candidates.closed_match", lambda *args: told_of.append(args[6:]) or args[4]
-    )
-    surfaces, points, _ = match_of(BARE, 0)
-    last = SE2(0.1, 0.0, 0.0)
-    for at_m in (0.1, 0.15):
-        told = Prediction(last, SE2(at_m, 0.0, 0.0), np.eye(3), ODOMETRY, 3.0, is_coasting=False)
-        Candidates(surfaces, [], CONFIG).led(points, told)
-    assert told_of == [(3.0, True), (3.0, False)]
+    told = OneWay(found), np.zeros((50, 3)), match.T_map_base, ODOMETRY, match, CONFIG, 1.0
+    asked = list[SurfaceMatch]()
+    closed = closed_match(*told, lambda one: asked.append(one) or are_people)
+    assert (closed is match) is are_people
+    assert (closed is found) is not are_people
+    assert set(map(id, asked)) == {id(found)}
 
 
 @pytest.mark.parametrize("every_m", [0.3, 0.45])

@@ -84,6 +84,45 @@ def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_peopl
     assert match.T_map_base.is_near(led, 0.1, 0.02) is is_led
 
 
+ROOM = np.concatenate(
+    [
+        room(-3.0, -3.0, 17.0, 3.0),
+        box(0.5, 1.5, 1.5, 3.0),
+        box(3.0, -3.0, 4.0, -2.0),
+        box(5.5, 1.8, 6.0, 2.4),
+        box(8.0, -2.6, 9.1, -1.9),
+        box(10.0, 2.2, 12.0, 3.0),
+        box(13.0, -3.0, 13.6, -1.4),
+        box(15.0, 1.0, 15.5, 1.7),
+    ]
+)
+
+
+@pytest.mark.parametrize("step_m", [0.25, 0.5])
+@pytest.mark.parametrize("sigma_m", [0.003, 0.01])
+@pytest.mark.parametrize(("slips", "every"), [(True, 1), (False, 2)])
+def test_walls_of_a_room_are_no_people_however_sure_wheels_are(step_m, sigma_m, slips, every):
+    # wheels that spin for a metre, or tell of two steps at each second scan: 0.5 to 1 m off and good
+    rng, mapper = np.random.default_rng(0), Mapper(SE2.identity())
+    true_m, told_m = np.arange(0.0, 14.0, step_m), np.full(round(14.0 / step_m), step_m)
+    if slips:
+        at, long = len(true_m) // 2, round(1.0 / step_m)
+        true_m = np.insert(true_m, at, np.full(long, true_m[at - 1]))
+        told_m = np.insert(told_m, at, np.full(long, step_m))
+    told_m[0], untold_m = 0.0, 0.0
+    for k, x in enumerate(true_m):
+        untold_m += told_m[k]
+        by_wheels_m, untold_m = (untold_m, 0.0) if k % every == 0 else (0.0, untold_m)
+        by_wheels_m += rng.normal(0.0, sigma_m * math.sqrt(by_wheels_m))
+        scan = scan_of(ROOM, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
+        told = np.diag([sigma_m**2 * by_wheels_m + 1e-6, 1e-4, 1e-4])
+        motion = SE2(by_wheels_m, 0.0, 0.0)
+        mapper.update(Measurement(max(0.2, step_m) * k, motion, scan, told))
+    slam_map = mapper.finish()
+    off_m = np.abs(slam_map.trajectory.poses[:, 0] - true_m).max()
+    assert off_m < 0.35, slam_map.verdict
+
+
 def seen(x: float, people: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
     walls = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), *people])
     scan = scan_of(walls, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
