@@ -27,9 +27,10 @@ _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""
 _STANDS = 1e-6
 """[m], [rad]: odometry that tells of less tells of nothing."""
-_BEFORE, _SEEN_THERE = slice(-12, -3), (0.1, 0.1)
+_BEFORE, _SEEN_THERE = slice(-12, -3), (0.5, 0.1)
 """Keyframes since which people have walked on; and [m], [rad] within which a scan matched with these says the
-same. Chosen."""
+same: it may have been drawn aside. Chosen: with 0.1 m walls of a corridor with doors were taken for people, with
+1 m people for walls."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""

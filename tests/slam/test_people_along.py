@@ -10,8 +10,9 @@ from slam.front_end_config import FrontEndConfig
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface_map import SurfaceMap, faced
+from slam.surface_map import SurfaceMap, SurfaceMatch, faced
 from tests.slam.synthetic import box, room, scan_of
+from tests.slam.test_open_runs import kept
 
 # 14 m of bare walls between two ends with things to see
 WALLS = np.concatenate(
@@ -80,7 +81,9 @@ def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_peopl
     covariance = np.diag([sigma_m**2, sigma_m**2, 0.01**2])
     information = np.linalg.inv(covariance)
     told = Prediction(last, led, covariance, information, 1.0, is_coasting=False)
-    match = Candidates(surfaces, [], CONFIG).led(points, told)
+    bare = room(-30.0, -1.0, 30.0, 1.0)
+    before = [kept(bare, SE2(x, 0.0, 0.0), rng) for x in np.arange(-4.0, 0.1, 0.5)]
+    match = Candidates(surfaces, before, CONFIG).led(points, told)
     assert match.T_map_base.is_near(led, 0.1, 0.02) is is_led
 
 
@@ -121,6 +124,22 @@ def test_walls_of_a_room_are_no_people_however_sure_wheels_are(step_m, sigma_m, 
     slam_map = mapper.finish()
     off_m = np.abs(slam_map.trajectory.poses[:, 0] - true_m).max()
     assert off_m < 0.35, slam_map.verdict
+
+
+@pytest.mark.parametrize(("drawn_m", "are_people"), [(0.0, False), (0.3, False), (0.9, True)])
+def test_walls_seen_before_are_none_though_the_wheels_drew_a_match_aside(drawn_m, are_people):
+    # in a corridor with doors, wheels that spun for 2 m: a match 0.27 m aside of where its walls had been
+    rng, pose = np.random.default_rng(1), SE2(4.0, 0.0, 0.0)
+    before = [kept(ROOM, SE2(x, 0.0, 0.0), rng) for x in np.arange(-1.0, 3.6, 0.5)]
+    points = faced(
+        scan_of(ROOM, pose, rng, 0.01, ANGLES_RAD, 8.0).points(SE2.identity()), np.zeros(2)
+    )
+    led, covariance = SE2(6.0, 0.0, 0.0), 1e-4 * np.eye(3)
+    information = np.linalg.inv(covariance)
+    told = Prediction(SE2(5.0, 0.0, 0.0), led, covariance, information, 1.0, is_coasting=False)
+    at, nothing = pose @ SE2(drawn_m, 0.0, 0.0), np.zeros((3, 3))
+    match = SurfaceMatch(at, np.eye(3), nothing, 1.0, 1.0, 0.1, 1.0)
+    assert Candidates(SurfaceMap(), before, CONFIG)._are_people(points, told, match) is are_people
 
 
 def seen(x: float, people: list[np.ndarray], rng: np.random.Generator) -> np.ndarray:
