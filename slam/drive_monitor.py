@@ -32,8 +32,7 @@ _BRIEF_S = 0.5
 _SEEN = 3
 """Scans in a row that see where the robot is, after which it is known: one of a hundred between bare walls
 seems to, and where nothing measured the way that one may lie anywhere. Chosen: with one of 240 drives
-without wheels between bare walls and pillars that look the same 27 were wrong and good.
-"""
+without wheels between bare walls and pillars that look the same 27 were wrong and good."""
 _TIED_M = 0.5
 """Standard deviation of the way between two keyframes that loops tell well enough. Chosen: of 20
 stretches of simulated logs loops told 2 to 0.3 m and less, and 18 to 1.4 m and more."""
