@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -17,8 +16,10 @@ from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import Keyframe
 from slam.open_matches import LITTLE, closed_match
+from slam.people_along import SeenBefore
 from slam.se2 import SE2
-from slam.surface_map import SurfaceMap, SurfaceMatch, moved
+from slam.still_scans import StillScans
+from slam.surface_map import SurfaceMap, SurfaceMatch
 
 _WIDER = 1.5
 """Of a search's reach: matches may slide off from where it looked; farther, they are of something
@@ -27,10 +28,12 @@ _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""
 _STANDS = 1e-6
 """[m], [rad]: odometry that tells of less tells of nothing."""
-_BEFORE, _SEEN_THERE = slice(-12, -3), (0.5, 0.1)
-"""Keyframes since which people have walked on; and [m], [rad] within which a scan matched with these says the
-same: it may have been drawn aside. Chosen: with 0.1 m walls of a corridor with doors were taken for people, with
-1 m people for walls."""
+_SPUN, _STILL = (0.15, 0.05), (0.05, 0.02)
+"""[m], [rad] by which wheels must lead off where the robot stood, and within which a scan says that it stands.
+Chosen."""
+_STILL_FITS, _STILL_BETTER = 0.95, 0.05
+"""Share of a scan on surfaces where the robot stood, and cost by which it must fit better there. Chosen: in a
+corridor with doors, wheels that spun by 0.25 to 0.5 m between two scans made it 0.07 to 0.23."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -82,15 +85,16 @@ class Prediction:
 
 
 class Candidates:
-    """Matches of a scan with the surfaces that the last keyframes saw."""
+    """Matches of a scan with the surfaces that the last keyframes saw, and with where the robot stood."""
 
     def __init__(
         self, surfaces: SurfaceMap, keyframes: Sequence[Keyframe], config: FrontEndConfig
     ) -> None:
         self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
+        self.still = StillScans()
 
-    def led(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
-        """The match of faced points (N, 3) where the wheels lead."""
+    def led(self, points: FloatArray, beams: Beams, told: Prediction) -> SurfaceMatch:
+        """The match of faced points (N, 3) of a scan where the wheels lead."""
         config, T_predicted = self._config, told.T_map_base
         match = self._surfaces.match(points, T_predicted, T_predicted, told.odometry)
         better = config.better if told.is_coasting else config.better_guess
@@ -104,24 +108,35 @@ class Candidates:
             if held.cost < match.cost + (config.better_against if is_denied else config.better):
                 match = held
         if match.least_facing < config.least_facing:
+            before = SeenBefore(self._keyframes, points, beams, config)
             match = closed_match(
                 self._surfaces, points, T_predicted, told.odometry, match, config, told.noise,
-                partial(self._are_people, points, told),
+                # walls that wheels slip along, or tell late of, were there
+                lambda one: told.is_denying(one, config.surely_wrong) and before.are_people(one, T_predicted),
             )  # fmt: skip
         return match
 
-    def _are_people(self, points: FloatArray, told: Prediction, match: SurfaceMatch) -> bool:
-        """Whether what a match of faced points (N, 3) sees walked along: where wheels cannot have led, and
-        no keyframe a while before saw it. Walls that wheels slip along, or tell late of, were there."""
-        if not told.is_denying(match, self._config.surely_wrong):
-            return False
-        before, T, nothing = SurfaceMap(self._config.surfaces), match.T_map_base, np.zeros((3, 3))
-        for keyframe in self._keyframes[_BEFORE] or self._keyframes[:1]:
-            if len(keyframe.points):
-                before.add(moved(keyframe.T_map_base, keyframe.faced))
-        seen = before.match(points, T, T, nothing)
-        is_there = seen.least_facing >= self._config.least_facing
-        return not (is_there and seen.T_map_base.is_near(T, *_SEEN_THERE))
+    def stood(
+        self, points: FloatArray, beams: Beams, told: Prediction, led: SurfaceMatch
+    ) -> SurfaceMatch | None:
+        """The match of faced points (N, 3) where the robot was when a scan looked the same, if its wheels
+        spun since: they fit there, and far worse where these lead. None where they did not."""
+        if told.is_coasting or told.is_guess:
+            return None
+        T_still = self.still.place(beams, told.T_last)
+        if T_still is None or led.T_map_base.is_near(T_still, *_SPUN):
+            return None
+        alone = self._surfaces.match(points, T_still, T_still, np.zeros((3, 3)))
+        fits = min(alone.inlier_ratio, alone.seen_ratio) > _STILL_FITS
+        if not (fits and alone.T_map_base.is_near(T_still, *_STILL)):
+            return None
+        if alone.cost > led.cost - _STILL_BETTER:
+            return None
+        if SeenBefore(self._keyframes, points, beams, self._config).are_people(
+            alone, told.T_map_base
+        ):
+            return None
+        return self._surfaces.match(points, T_still, told.T_map_base, LITTLE * told.odometry)
 
     def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
         """The match from where the wheels lead that gives in to the scan less than others do."""

@@ -85,9 +85,8 @@ class FrontEnd:
             self._blind_m = 0.0
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
-            if (
-                tied is not None
-            ):  # the way to it is told by the wheels; by scans, from before the run
+            # the way to it is told by the wheels; by scans, from before the run
+            if tied is not None:
                 self.keyframes[-1] = replace(
                     self.keyframes[-1], T_before=by_wheels.motion, covariance=by_wheels.covariance
                 )
@@ -95,8 +94,10 @@ class FrontEnd:
             self._open_run.take(len(self.keyframes) - 1, is_open)
         if match is None or tied is not None:  # that moved the scan before as well
             self._velocity.stop()
+            self._candidates.still.forget()
         else:
             self._velocity.take(told.T_last.inverse() @ self.T_map_base, self._elapsed_s)
+            self._candidates.still.take(beams, self.T_map_base)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
         if match is not None and not is_new:
@@ -255,11 +256,14 @@ class FrontEnd:
         most_m = config.blind_m if _is_told(measurement) else (config.guess_blind_m,) * 2
         if self._blind_m > most_m[1]:
             return None, StepStatus.BROKEN
-        led = match = self._candidates.led(points, told)
+        led = match = self._candidates.led(points, beams, told)
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio
         status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
-        if match.inlier_ratio < max(good, least):
+        stood = self._candidates.stood(points, beams, told, led)
+        if stood is not None:
+            match, status = stood, StepStatus.SEARCHED
+        elif match.inlier_ratio < max(good, least):
             best = self._candidates.around(points, told)
             if self._candidates.is_better(best, led, told, points, beams):
                 match, status = best, StepStatus.SEARCHED

@@ -112,6 +112,8 @@ RANKS = (
         "front_end_config",
         "open_matches",
         "candidates",
+        "people_along",
+        "still_scans",
         "loose_runs",
         "looseness",
         "open_runs",

@@ -69,3 +69,19 @@ def are_same_ranges(first: FloatArray, second: FloatArray, least: float) -> bool
         both += is_first and is_second
         either += is_first or is_second
     return both > 0 and both >= least * either
+
+
+@compiled
+def same_into(
+    kept: FloatArray, ranges: FloatArray, noise_m: float, noise_share: float, shares: FloatArray
+) -> None:
+    """Into shares (K,): of beams that returned in a scan of ranges (N,) or in one of kept ones (K, N),
+    the share that measured the same but for a noise; 0 where none returned."""
+    for k in range(kept.shape[0]):
+        same = either = 0
+        for i in range(ranges.shape[0]):
+            one, other = ranges[i], kept[k, i]
+            is_hit, is_other = abs(one) < math.inf, abs(other) < math.inf
+            either += is_hit or is_other
+            same += is_hit and is_other and abs(one - other) < noise_m + noise_share * one
+        shares[k] = same / either if either > 0 else 0.0

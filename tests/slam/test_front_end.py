@@ -201,12 +201,15 @@ def test_scan_that_fits_badly_where_wheels_did_not_lead_is_where_they_led_or_beg
     front_end, second = after_one_scan()
     match = front_end._window.surfaces.match
 
-    def led(points, told):
+    def around(points, told):
         found = match(points, told.T_map_base, told.T_map_base, told.odometry)
         return replace(found, T_map_base=told.T_map_base @ NEXT_DOOR, inlier_ratio=ratio)
 
+    def led(points, _, told):
+        return around(points, told)
+
     monkeypatch.setattr(front_end._candidates, "led", led)
-    monkeypatch.setattr(front_end._candidates, "around", led)
+    monkeypatch.setattr(front_end._candidates, "around", around)
     monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, denied))
     covariance = np.diag([noise_m**2, noise_m**2, 0.05**2])
     step = front_end.update(replace(second, motion_covariance=covariance))
