@@ -62,6 +62,8 @@ class FrontEnd:
         points = self._seen(beams)
         told = self._predicted(measurement, other)
         match, status, passed_ratio = self._believed(measurement, points, beams, told)
+        if match is not None and status is StepStatus.MATCHED:
+            told, match = self._without_people(told, match, points, beams)
         is_open = match is not None and self._is_open(match, points, told)
         is_told = (match and not is_open) or status is StepStatus.BROKEN
         self._open_m = 0.0 if is_told else self._open_way_m(told, match)
@@ -71,10 +73,16 @@ class FrontEnd:
         self.T_map_base = told.T_map_base
         if match is not None:
             match = self._joined(match, status, told, is_open)
-            self._learn_scale(told.T_map_base, match)
+            if not told.are_people:
+                self._learn_scale(told.T_map_base, match)
             if status is StepStatus.MATCHED and not (is_open or self._open_run.is_empty):
-                tied = self._tied(points, match, by_wheels)
-            self.T_map_base, self._P = tied or match.T_map_base, match.covariance
+                tied = self._open_run.tie(
+                    self.keyframes, self._window, points, match, by_wheels, told.noise
+                )
+            self.T_map_base, self._P = match.T_map_base, match.covariance
+        if tied is not None:
+            self.T_map_base = tied[0]
+            self.ties.append(tied[1])
         is_new = tied is not None or self._is_new(status, points)
         if self.keyframes and not is_new and (is_open or status is StepStatus.CARRIED):
             self.loose_runs.add(self._scans, self.T_map_base, self._P)
@@ -141,6 +149,24 @@ class FrontEnd:
             status = StepStatus.CARRIED
         return match, status, passed_ratio
 
+    def _without_people(
+        self, told: Prediction, match: SurfaceMatch, points: FloatArray, beams: Beams
+    ) -> tuple[Prediction, SurfaceMatch]:
+        """A prediction and a match with faced points (N, 3) that people drew aside, who walked along since
+        the last keyframe: where the wheels lead from there. They drew aside scans since as well, each by
+        too little to be denied."""
+        if not self.keyframes or told.is_coasting or told.is_guess:
+            return told, match
+        T_map_base = self.keyframes[-1].T_map_base @ self._told.motion
+        P = self._told.covariance
+        since = replace(
+            told, T_map_base=T_map_base, covariance=P, odometry=inverse_of(P), are_people=True
+        )
+        if since.is_guess or not self._candidates.are_people(points, beams, since, match):
+            return told, match
+        self._P = P
+        return since, self._candidates.held(points, since)
+
     def _by_wheels(self, told: Prediction, status: StepStatus) -> ToldStep:
         """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,
         and just where one was found by a search alone."""
@@ -181,32 +207,6 @@ class FrontEnd:
             match.information * (surfaces.pull / surfaces.share),
             match.least_facing,
         )
-
-    def _tied(self, points: FloatArray, match: SurfaceMatch, step: ToldStep) -> SE2 | None:
-        """Where a scan was taken, after keyframes that left a direction open, if it sees what was seen
-        before these. That ties it to the keyframe before them; they are moved to where it shows them.
-
-        step: by the wheels, from the last keyframe.
-        """
-        run, keyframes = self._open_run, self.keyframes
-        seen = run.seen_from_before(keyframes, points, match.T_map_base, self._window)
-        if seen is None:
-            return None
-        T_seen = keyframes[run.before].T_map_base.inverse() @ seen.T_map_base
-        covariance = seen.covariance + np.diag(np.square(self.config.step_sigma))
-        # all that is told of noisy wheels is that much less sure
-        *poses, T_map_base = run.moved(keyframes, step, T_seen, covariance / self.wheel_scale.noise)
-        for k, pose in enumerate(poses, start=run.before + 1):
-            keyframes[k] = replace(keyframes[k], T_map_base=pose)
-        self._window.leave_out_last(len(poses))
-        self._window.learn_all((one.T_map_base, one.faced) for one in keyframes[run.before + 1 :])
-        information = inverse_of(covariance)
-        self.ties.append(
-            Loop(
-                run.before, len(keyframes), T_seen, information, seen.inlier_ratio, 0.0, is_tie=True
-            )
-        )
-        return T_map_base
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of the scan of a keyframe that has left the window, and of those after it."""

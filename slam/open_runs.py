@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from slam.arrays import FloatArray
 from slam.front_end_config import FrontEndConfig
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import Keyframe
+from slam.loop_closing import Loop
 from slam.se2 import SE2
 from slam.strays import ToldStep
 from slam.surface_map import SurfaceMatch
@@ -79,6 +81,37 @@ class OpenRun:
                 is_seen &= not (is_other and other.cost < match.cost + config.better)
         window.learn_all((one.T_map_base, one.faced) for one in run)
         return match if is_seen else None
+
+    def tie(
+        self,
+        keyframes: list[Keyframe],
+        window: SurfaceWindow,
+        points: FloatArray,
+        match: SurfaceMatch,
+        step: ToldStep,
+        noise: float,
+    ) -> tuple[SE2, Loop] | None:
+        """Where a scan of faced points (N, 3) was taken, matched after the run, if it sees what was seen
+        before: that ties it to the keyframe before the run, and the run is moved to where it shows it.
+
+        step: by the wheels, from the last keyframe; noise: of them, see `WheelScale`.
+        """
+        seen = self.seen_from_before(keyframes, points, match.T_map_base, window)
+        if seen is None:
+            return None
+        T_seen = keyframes[self.before].T_map_base.inverse() @ seen.T_map_base
+        covariance = seen.covariance + np.diag(np.square(self._config.step_sigma))
+        # all that is told of noisy wheels is that much less sure
+        *poses, T_map_base = self.moved(keyframes, step, T_seen, covariance / noise)
+        for k, pose in enumerate(poses, start=self._first):
+            keyframes[k] = replace(keyframes[k], T_map_base=pose)
+        window.leave_out_last(len(poses))
+        window.learn_all((one.T_map_base, one.faced) for one in keyframes[self._first :])
+        information = inverse_of(covariance)
+        tie = Loop(
+            self.before, len(keyframes), T_seen, information, seen.inlier_ratio, 0.0, is_tie=True
+        )
+        return T_map_base, tie
 
     def moved(
         self, keyframes: Sequence[Keyframe], last: ToldStep, T_seen: SE2, covariance: FloatArray

@@ -3,6 +3,7 @@ saw there, and looked through."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -14,19 +15,22 @@ from slam.front_end_config import FrontEndConfig
 from slam.kernels.visibility import contradictions
 from slam.keyframes import Keyframe
 from slam.se2 import SE2
-from slam.strays import apart_m
 from slam.surface_map import SurfaceMap, SurfaceMatch, moved
 
 _LAST, _BEFORE = slice(-12, None), slice(-12, -3)
 """Keyframes asked what is looked through, and those of them since which people have walked on. Chosen: of one a
 metre ahead, all but the last three saw him where the robot is by now."""
-_SEEN_THERE = 0.5, 0.1
-"""[m], [rad] within which a scan matched with what these saw says the same: it may have been drawn aside. Chosen:
-with 0.1 m walls of a corridor with doors were taken for people, with 1 m people for walls."""
-_FEW = 3
-"""Points that one of these and the scan looked through. Chosen: of one who walks two metres ahead it is 5 of 181
-beams, 10 of 361; none of a room's walls, which one of two hundred met; 5 to 15 of a corridor's doors that wheels had
-been drawn aside in."""
+_THERE_M = 0.1
+"""Within which a scan matched with what these saw says the same, a turn counted as at a metre. Chosen: of scans of
+five real logs that wheels denied it was 0.07 at most; of people who had walked on, 0.2 and more."""
+_ASIDE, _NEARER = (0.5, 0.1), 0.5
+"""[m], [rad], and share of how far off the wheels lead, within which it may have been drawn aside, if nobody looked
+through what it shows there: else they saw the same people. Chosen: walls of a corridor with doors were
+0.27 m aside."""
+_MANY, _FEW = 3, 3
+"""Keyframes, all if there are fewer, and points that each and the scan looked through. Chosen: of one who walks two
+metres ahead 5 of 181 beams, 10 of 361, at most keyframes; none of a room's walls, three at one keyframe that lay
+9 cm aside."""
 _ASIDE_M = 0.05
 """Of beams that pass by: with 0.1 m one who had walked ahead hid himself. Chosen."""
 _SURE = 0.9
@@ -44,20 +48,31 @@ class SeenBefore:
         beams: Beams,
         config: FrontEndConfig,
     ) -> None:
-        self._last = [one for one in keyframes[_LAST] if not one.is_place_alone]
-        self._before = keyframes[_BEFORE] or keyframes[:1]
+        self._last, self._before = (
+            [one for one in some if not one.is_place_alone]
+            for some in (keyframes[_LAST], keyframes[_BEFORE] or keyframes[:1])
+        )
         self._points, self._beams, self._config = points, beams, config
 
     def are_people(self, match: SurfaceMatch, T_wheels: SE2) -> bool:
         """Whether one of them looked through what the scan shows at a match, or the scan through what it saw,
         and nothing that they saw says that it lies there rather than where the wheels lead."""
-        if not any(self._looked_through(one, match) >= _FEW for one in self._last):
+        if not self._is_looked_through(self._last, match):
             return False
         T, nothing = match.T_map_base, np.zeros((3, 3))
         seen = self._surfaces.match(self._points, T, T, nothing)
-        is_told = seen.least_facing >= self._config.least_facing
-        is_there = is_told and seen.T_map_base.is_near(T, *_SEEN_THERE)
-        return not (is_there and apart_m(seen.T_map_base, T) <= apart_m(seen.T_map_base, T_wheels))
+        if seen.least_facing < self._config.least_facing:
+            return True
+        off_m = _apart(seen.T_map_base, T)
+        if off_m < _THERE_M:
+            return False
+        is_aside = seen.T_map_base.is_near(T, *_ASIDE)
+        is_aside &= off_m < _NEARER * _apart(T_wheels, T)
+        return not is_aside or self._is_looked_through(self._before, seen)
+
+    def _is_looked_through(self, keyframes: Sequence[Keyframe], match: SurfaceMatch) -> bool:
+        many = sum(self._looked_through(one, match) >= _FEW for one in keyframes)
+        return 0 < min(_MANY, len(keyframes)) <= many
 
     def _looked_through(self, keyframe: Keyframe, match: SurfaceMatch) -> int:
         """How many of both scans' points the other did."""
@@ -92,6 +107,11 @@ class SeenBefore:
     def _surfaces(self) -> SurfaceMap:
         surfaces = SurfaceMap(self._config.surfaces)
         for keyframe in self._before:
-            if not keyframe.is_place_alone:
-                surfaces.add(moved(keyframe.T_map_base, keyframe.faced))
+            surfaces.add(moved(keyframe.T_map_base, keyframe.faced))
         return surfaces
+
+
+def _apart(one: SE2, other: SE2) -> float:
+    """How far two poses are apart [m], a turn as far as at a metre."""
+    between = one.inverse() @ other
+    return math.hypot(between.x, between.y, between.theta)

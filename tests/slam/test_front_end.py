@@ -246,7 +246,7 @@ def test_a_scan_that_looks_through_the_walls_just_seen_is_not_placed_among_them(
     for index in range(11):
         scan = scan_of(passage if index < 9 else hall, pose, rng, 0.01, range_max_m=12.0)
         told = SE2(0.0, -0.1, 0.0) if index else SE2.identity()
-        steps.append(front_end.update(Measurement(0.2 * index, told, scan, np.eye(3) * 1e-4)))
+        steps.append(front_end.update(Measurement(0.2 * index, told, scan, np.eye(3) * 1e-3)))
         pose = pose @ SE2(0.0, -0.1, 0.0)
     assert max(step.passed_ratio for step in steps[:9]) < 0.1
     # 0.89 of it lies on the wall ahead, which both have
