@@ -21,6 +21,9 @@ _ALIKE = 0.72
 """Way by scans per way by wheels, or the other way round, below which units are not those that were
 told. Chosen: ranges halved give 0.69, since the wheels hold against them; wheels are seldom wrong by
 a quarter."""
+_LEAST_USUAL = 0.5
+"""Way by scans for each metre by the wheels, below which it is no scale of theirs. Chosen: with a cart pushed ahead
+between bare walls from the first scan on, scans went nowhere, which was taken for what they usually tell."""
 _FAR_M = 20.0
 """Of the wheels, that it takes to say so."""
 _JUMP_M = 2.0
@@ -101,7 +104,8 @@ class ComparedWays:
         """By scans for each metre by the wheels, in the median; 1 where that is not known."""
         if len(self._pieces) < _LEAST_PIECES:
             return 1.0
-        return statistics.median(one.by_scans_m / one.by_wheels_m for one in self._pieces)
+        median = statistics.median(one.by_scans_m / one.by_wheels_m for one in self._pieces)
+        return max(median, _LEAST_USUAL)
 
     @property
     def noise_ratio(self) -> float:

@@ -155,14 +155,14 @@ class FrontEnd:
         """A prediction and a match with faced points (N, 3) that people drew aside, who walked along since
         the last keyframe: where the wheels lead from there. They drew aside scans since as well, each by
         too little to be denied."""
-        if not self.keyframes or told.is_coasting or told.is_guess:
+        if not self.keyframes or told.is_guess:
             return told, match
         T_map_base = self.keyframes[-1].T_map_base @ self._told.motion
         P = self._told.covariance
         since = replace(
             told, T_map_base=T_map_base, covariance=P, odometry=inverse_of(P), are_people=True
         )
-        if since.is_guess or not self._candidates.are_people(points, beams, since, match):
+        if since.is_guess or not self._candidates.are_people(points, beams, told, since, match):
             return told, match
         self._P = P
         return since, self._candidates.held(points, since)

@@ -27,8 +27,9 @@ _ASIDE, _NEARER = (0.5, 0.1), 0.5
 """[m], [rad], and share of how far off the wheels lead, within which it may have been drawn aside, if nobody looked
 through what it shows there: else they saw the same people. Chosen: walls of a corridor with doors were
 0.27 m aside."""
-_MANY, _FEW = 3, 3
-"""Keyframes, all if there are fewer, and points that each and the scan looked through. Chosen: of one who walks two
+_MANY, _FEW, _MUCH = 3, 3, 0.3
+"""Keyframes, all if there are fewer, and points that each and the scan looked through; or, of all together, share of the
+scan's: a cart close by hides what is behind it from all but the last two. Chosen: of one who walks two
 metres ahead 5 of 181 beams, 10 of 361, at most keyframes; none of a room's walls, three at one keyframe that lay
 9 cm aside."""
 _ASIDE_M = 0.05
@@ -71,8 +72,9 @@ class SeenBefore:
         return not is_aside or self._is_looked_through(self._before, seen)
 
     def _is_looked_through(self, keyframes: Sequence[Keyframe], match: SurfaceMatch) -> bool:
-        many = sum(self._looked_through(one, match) >= _FEW for one in keyframes)
-        return 0 < min(_MANY, len(keyframes)) <= many
+        through = [self._looked_through(one, match) for one in keyframes]
+        many = sum(count >= _FEW for count in through)
+        return 0 < min(_MANY, len(keyframes)) <= many or sum(through) > _MUCH * len(self._points)
 
     def _looked_through(self, keyframe: Keyframe, match: SurfaceMatch) -> int:
         """How many of both scans' points the other did."""
@@ -100,8 +102,8 @@ class SeenBefore:
     @cached_property
     def _sure_m(self) -> float:
         """How far these would have seen something [m]."""
-        ends = [one.beams.ranges_m[one.beams.is_hit] for one in self._last]
-        return _SURE * float(np.concatenate(ends).max(initial=0.0))
+        farthest = [one.beams.ranges_m[one.beams.is_hit].max(initial=0.0) for one in self._last]
+        return _SURE * float(np.median(farthest))
 
     @cached_property
     def _surfaces(self) -> SurfaceMap:

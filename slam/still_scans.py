@@ -19,6 +19,10 @@ _KEPT, _NEW, _LONG_M = 16, (0.05, 0.02), 1.0
 """Scans, the motion [m], [rad] after which one is kept, and how far back. Chosen: all of a longer way along a
 corridor looks the same."""
 
+_HERE = 0.15, 0.05
+"""[m], [rad] about the last pose within which the robot stood; else it may be driving along what looks the same each
+half a metre. Chosen: pillars so far apart put back one of three drives whose wheels were right."""
+
 
 class StillScans:
     """The last scans, and where they were taken."""
@@ -27,19 +31,24 @@ class StillScans:
         self._ranges_m: FloatArray = np.full((_KEPT, 0), np.inf)
         self._places: list[SE2] = []
 
-    def place(self, beams: Beams, T_last: SE2) -> SE2 | None:
-        """Where the first of those was taken that a scan looks like; of those near the last pose."""
+    def place(self, beams: Beams, T_last: SE2, way_m: float) -> SE2 | None:
+        """Where the first of those was taken that a scan looks like, near the last pose. Farther off, if all
+        since then looked like it, and the wheels tell of a short way since the last: way_m."""
         count = len(self._places)
         if count == 0 or self._ranges_m.shape[1] != len(beams):
             return None
         shares = np.empty(count)
         same_into(self._ranges_m[:count], beams.ranges_m, *_NOISE, shares)
-        for k, place in enumerate(self._places):
-            if apart_m(place, T_last) > _LONG_M:
-                shares[k] = 0.0
-        if shares.max() < _SAME:
+        is_near = np.array([apart_m(place, T_last) <= _LONG_M for place in self._places])
+        if not (shares[is_near] >= _SAME).any():
             return None
-        return self._places[int(np.argmax(shares >= shares.max() - _AS_MUCH))]
+        as_same = is_near & (shares >= shares[is_near].max() - _AS_MUCH)
+        first = int(np.argmax(as_same))
+        place = self._places[first]
+        if not place.is_near(T_last, *_HERE):
+            is_all_along = way_m <= _HERE[0] and bool((shares[first:] >= _SAME).all())
+            return place if is_all_along else None
+        return place
 
     def take(self, beams: Beams, T_map_base: SE2) -> None:
         """Notes where a scan was taken."""

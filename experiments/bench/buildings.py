@@ -11,6 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from experiments.bench.building_plans import PLANS, Plan, closed, rectangle
+from experiments.bench.drive_troubles import TROUBLES, motions, spun, walkers
 from experiments.bench.map_end import MOST_M, MOST_RMSE_M, MapEnd, table_of
 from experiments.progress import CountProgress
 from experiments.slam_log import default_mapped
@@ -57,25 +58,27 @@ ODOMETRY: dict[str, Odometry | None] = {
 """Usual: as `LogOdometryNoise` takes it to be, and better."""
 
 
-def print_benchmark(odometry: str, repeats: int, seed: int) -> bool:
+def print_benchmark(odometry: str, repeats: int, seed: int, trouble: str = "none") -> bool:
     """Maps and prints the table; whether no wrong map was called good.
 
-    Raises ValueError for odometry of which nothing is known here.
+    Raises ValueError for odometry or a trouble of which nothing is known here.
     """
     if odometry not in ODOMETRY:
         raise ValueError(f"expected odometry {', '.join(ODOMETRY)}, got '{odometry}'")
-    found = measured(odometry, repeats, seed)
-    wide_console().print(_table(odometry, found, seed))
+    if trouble not in TROUBLES:
+        raise ValueError(f"expected trouble {', '.join(TROUBLES)}, got '{trouble}'")
+    found = measured(odometry, repeats, seed, trouble)
+    wide_console().print(_table(odometry, trouble, found, seed))
     return not any(one.is_deceptive for one in found)
 
 
-def measured(odometry: str, repeats: int, seed: int) -> list[MapEnd]:
+def measured(odometry: str, repeats: int, seed: int, trouble: str = "none") -> list[MapEnd]:
     """Each kind of building, drawn anew in each repeat, with another laser and other wheels."""
     found: list[MapEnd] = []
     with CountProgress("buildings", len(PLANS) * repeats) as progress:
         for children in np.random.SeedSequence(seed).spawn(repeats):
             for name, own in zip(PLANS, children.spawn(len(PLANS)), strict=True):
-                log, true = simulated(name, ODOMETRY[odometry], np.random.default_rng(own))
+                log, true = simulated(name, ODOMETRY[odometry], np.random.default_rng(own), trouble)
                 slam_map = default_mapped(log).slam_map
                 errors = absolute_errors(slam_map.trajectory.poses, true).position_m
                 large_m = float(np.hypot(*np.ptp(true[:, :2], axis=0)))
@@ -86,23 +89,30 @@ def measured(odometry: str, repeats: int, seed: int) -> list[MapEnd]:
 
 
 def simulated(
-    name: str, odometry: Odometry | None, rng: np.random.Generator
+    name: str, odometry: Odometry | None, rng: np.random.Generator, trouble: str = "none"
 ) -> tuple[Log, FloatArray]:
-    """A log of one building, whose name tells what is odd about it, and its true poses (N, 3)."""
+    """A log of one building, whose name tells what is odd about it, and its true poses (N, 3);
+    trouble: one of `TROUBLES`."""
     plan = PLANS[name](rng)
     step_m = float(rng.choice(_STEPS_ALONE_M if odometry is None else _STEPS_M))
     poses = driven(plan, step_m, rng)
     beams, fan_deg = _LASERS[rng.integers(len(_LASERS))]
     angles_rad = np.radians(np.linspace(-fan_deg / 2.0, fan_deg / 2.0, beams))
     range_m, people = float(rng.choice(_RANGES_M)), float(rng.choice([0.0, 0.0, 0.3]))
-    scans = list(_scans(plan, poses, angles_rad, range_m, people, rng))
-    told = _by_wheels(poses, odometry, rng)
-    times_s = np.cumsum([_duration_s(one, other) for one, other in pairwise(poses)])
+    way_m, by_wheels = _way_m(motions(poses)), motions(poses)
+    if trouble == "spins":
+        poses, by_wheels = spun(poses, step_m, rng)
+    bodies = walkers(poses, rng) if trouble == "walkers" else [np.empty((0, 2, 2))] * len(poses)
+    scans = list(_scans(plan, poses, bodies, angles_rad, range_m, people, rng))
+    told = _by_wheels(by_wheels, odometry, rng)
+    durations_s = [
+        _duration_s(*ends, step) for ends, step in zip(pairwise(poses), by_wheels, strict=True)
+    ]
+    times_s = np.cumsum(durations_s)
     records = [
         LogRecord(time_s, T_odom_base, replace(scan, time_s=time_s))
         for time_s, T_odom_base, scan in zip([0.0, *times_s.tolist()], told, scans, strict=True)
     ]
-    way_m = float(np.hypot(*np.diff([(one.x, one.y) for one in poses], axis=0).T).sum())
     words = f"{way_m:.0f} m, a scan each {step_m:g} m, {beams} beams of {range_m:g} m"
     log = Log(
         words + (", people" if people else ""), SE2.identity(), len(records),
@@ -138,45 +148,52 @@ def driven(plan: Plan, step_m: float, rng: np.random.Generator) -> list[SE2]:
     return poses
 
 
-def _duration_s(one: SE2, other: SE2) -> float:
-    return max(_FASTEST_S, math.hypot(other.x - one.x, other.y - one.y) / _SPEED_MPS)
+def _way_m(steps: list[SE2]) -> float:
+    return sum(math.hypot(step.x, step.y) for step in steps)
+
+
+def _duration_s(one: SE2, other: SE2, by_wheels: SE2) -> float:
+    way_m = math.hypot(other.x - one.x, other.y - one.y) or math.hypot(by_wheels.x, by_wheels.y)
+    return max(_FASTEST_S, way_m / _SPEED_MPS)
 
 
 def _scans(
     plan: Plan,
     poses: list[SE2],
+    bodies: list[FloatArray],
     angles_rad: FloatArray,
     range_m: float,
     people: float,
     rng: np.random.Generator,
 ) -> Iterator[LaserScan]:
-    """What a laser sees, in whole centimetres; somebody stands before it in a share of the scans."""
+    """What a laser sees, in whole centimetres; beside each pose's bodies (S, 2, 2) somebody stands before it
+    in a share of the scans."""
     count, sigma_m = len(angles_rad), float(rng.choice([0.01, 0.02]))
     fan = Beams(np.zeros((count, 2)), angles_rad, np.zeros(count))
     bare = SegmentMap(plan.walls)
-    for pose in poses:
-        seen = bare
+    for pose, walking in zip(poses, bodies, strict=True):
+        walls = np.concatenate([plan.walls, walking]) if len(walking) else plan.walls
+        seen = SegmentMap(walls) if len(walking) else bare
         if rng.random() < people:
             bearing, away_m = rng.uniform(-1.0, 1.0), rng.uniform(1.0, 3.0)
             there = pose @ SE2(away_m * math.cos(bearing), away_m * math.sin(bearing), 0.0)
             corners = rectangle(-0.15, -0.1, 0.15, 0.1)
             body = closed(np.array([there.x, there.y]) + corners)
-            seen = SegmentMap(np.concatenate([plan.walls, body]))
+            seen = SegmentMap(np.concatenate([walls, body]))
         ranges_m, _ = seen.ranges(fan, pose, 2.0 * range_m)
         ranges_m = np.maximum(np.round(ranges_m + rng.normal(0.0, sigma_m, count), 2), 0.0)
         yield LaserScan(0.0, angles_rad, np.where(ranges_m <= range_m, ranges_m, np.inf))
 
 
-def _by_wheels(poses: list[SE2], odometry: Odometry | None, rng: np.random.Generator) -> list[SE2]:
-    """Where the wheels say that the robot was; nowhere else, without any."""
+def _by_wheels(steps: list[SE2], odometry: Odometry | None, rng: np.random.Generator) -> list[SE2]:
+    """Where the wheels say that the robot was, who made such steps; nowhere else, without any."""
     if odometry is None:
-        return [SE2.identity()] * len(poses)
+        return [SE2.identity()] * (len(steps) + 1)
     scale = 1.0 + odometry.scale * rng.normal()
     turn_rad_per_m = odometry.turn_rad_per_m * rng.normal()
     noise_m, noise_rad = rng.uniform(*odometry.noise_m), rng.uniform(*odometry.noise_rad)
     told = [SE2.identity()]
-    for one, other in pairwise(poses):
-        step = one.inverse() @ other
+    for step in steps:
         way_m = math.hypot(step.x, step.y)
         off_m = noise_m * math.sqrt(way_m) * rng.normal(size=2) * [1.0, 0.3]
         off_rad = noise_rad * math.sqrt(way_m) + 0.03 * math.sqrt(abs(step.theta))
@@ -190,11 +207,12 @@ def _by_wheels(poses: list[SE2], odometry: Odometry | None, rng: np.random.Gener
     return told
 
 
-def _table(odometry: str, found: list[MapEnd], seed: int) -> Table:
+def _table(odometry: str, trouble: str, found: list[MapEnd], seed: int) -> Table:
+    troubled = "" if trouble == "none" else f", {trouble}"
     return table_of(
         found,
         "building",
-        f"simulated buildings, odometry {odometry}, seed {seed}",
+        f"simulated buildings, odometry {odometry}{troubled}, seed {seed}",
         f"Position error of the scans; right: at most {MOST_RMSE_M:g} m (RMS) and below"
         f" {MOST_M:g} m, or {1000 * _MOST_RMSE:g} and {1000 * _MOST:g} mm for each metre of the"
         " diagonal of a larger one.",

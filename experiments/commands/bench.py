@@ -120,11 +120,14 @@ def buildings(
     ] = "usual",
     repeats: Annotated[int, typer.Option(min=1, help="Of each of eight kinds, drawn anew.")] = 2,
     seed: Seed = 0,
+    trouble: Annotated[
+        str, typer.Option(help="On the way: none, spins (of the wheels), or walkers along it.")
+    ] = "none",
 ) -> int:
     """Logs of simulated buildings, up to 200 m large: a right map, or one called failed?"""
     from experiments.bench.buildings import print_benchmark
 
-    return 0 if print_benchmark(odometry, repeats, seed) else 1
+    return 0 if print_benchmark(odometry, repeats, seed, trouble) else 1
 
 
 @app.command()

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from experiments.bench import buildings
 from experiments.bench.building_plans import PLANS
 from experiments.bench.buildings import ODOMETRY, simulated
+from experiments.bench.drive_troubles import walkers
 from experiments.bench.map_end import MapEnd
 from experiments.cli import main
 from experiments.slam_log import default_mapped
@@ -91,6 +92,60 @@ def test_odometry_that_is_unknown_is_refused(capsys):
     assert "expected odometry usual, bad, none" in refusal(
         capsys, "bench", "buildings", "--odometry", "best"
     )
+
+
+def test_trouble_that_is_unknown_is_refused(capsys):
+    assert "expected trouble none, spins, walkers" in refusal(
+        capsys, "bench", "buildings", "--trouble", "rain"
+    )
+
+
+def test_wheels_spin_while_the_robot_stands():
+    plain, true = simulated("corridor", ODOMETRY["usual"], np.random.default_rng(4))
+    log, there = simulated("corridor", ODOMETRY["usual"], np.random.default_rng(4), "spins")
+    stands = (np.diff(there, axis=0) == 0.0).all(axis=1)
+    assert np.array_equal(np.concatenate([there[:1], there[1:][~stands]]), true)
+    told = np.array([record.T_odom_base.as_array() for record in log.records])
+    spun_m = np.hypot(*np.diff(told[:, :2], axis=0)[stands].T)
+    assert 0.3 * 2 < spun_m.sum() < 2.5 * 8
+    assert (spun_m > 0.05).mean() > 0.9
+    assert log.name == plain.name
+
+
+def test_walkers_walk_along_the_way_and_none_stands_in_the_robot():
+    poses = [SE2(x, 0.0, 0.0) for x in np.arange(0.0, 40.0, 0.5)]
+    legs = walkers(poses, np.random.default_rng(1))
+    seen = np.array([len(one) > 0 for one in legs])
+    assert 0.2 < seen.mean() < 0.9
+    middles = [one.reshape(-1, 2).mean(axis=0) for one in legs if len(one)]
+    off = np.array(middles) - [
+        (pose.x, pose.y) for pose, is_seen in zip(poses, seen, strict=True) if is_seen
+    ]
+    assert np.hypot(*off.T).min() > 0.4
+    assert np.abs(off[:, 1]).max() < 0.61
+    # they go on from scan to scan
+    moved = np.diff(np.array(middles)[:, 0])
+    assert np.median(moved) > 0.2
+
+
+@pytest.mark.parametrize("trouble", ["spins", "walkers"])
+def test_equal_seeds_give_equal_logs(trouble):
+    logs = [
+        simulated("offices", ODOMETRY["usual"], np.random.default_rng(3), trouble) for _ in "ab"
+    ]
+    (one, true), (other, others) = logs
+    assert np.array_equal(true, others)
+    for a, b in zip(one.records, other.records, strict=True):
+        assert np.array_equal(a.scan.ranges_m, b.scan.ranges_m)
+        assert a.T_odom_base == b.T_odom_base
+        assert a.time_s == b.time_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("trouble", ["spins", "walkers"])
+def test_troubled_drives_are_mapped_or_called_failed(trouble):
+    found = buildings.measured("usual", 1, 4, trouble)
+    assert not any(one.is_deceptive for one in found)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from slam.keyframes import FrontEndStep, StepStatus
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.se2 import SE2
+from tests.slam.corridors import WALLS, mapped
 from tests.slam.synthetic import box, scan_of
 
 STEP_M, TOLD_M2 = 0.3, 0.05**2 * 0.3
@@ -105,3 +106,21 @@ def test_somebody_walks_ahead_through_a_bare_corridor(is_followed):
     assert slam_map.verdict.is_good, slam_map.verdict.reasons
     gone_m = slam_map.trajectory.poses[:, 0] - slam_map.trajectory.poses[0, 0]
     assert np.abs(gone_m - 0.2 * np.arange(len(gone_m))).max() < 0.05
+
+
+def test_a_cart_pushed_ahead_from_the_first_scan_on_is_no_scale_of_the_wheels():
+    # between bare walls scans go nowhere, all along: 14 m off, and good
+    slam_map, off_m = mapped(
+        np.arange(0.0, 14.0, 0.25),
+        np.array([0.0] + [0.25] * 55),
+        0.01,
+        lambda x: np.concatenate([WALLS, box(x + 0.7, -0.4, x + 0.9, 0.4)]),
+    )
+    assert off_m < 0.3 or "the wheels spun" in slam_map.verdict.reasons[0]
+
+
+@pytest.mark.parametrize(("scale", "is_told"), [(0.6, False), (0.1, True)])
+def test_wheels_of_another_scale_are_right_and_those_that_tell_of_no_way_are_not(scale, is_told):
+    way = [STEP_M] * round(18.0 / STEP_M)
+    said = compared(way, [scale * step for step in way]).objections()
+    assert bool(said) is is_told

@@ -1,43 +1,25 @@
 """People who walk along between bare walls, where nothing but them and the wheels tells of the way; and walls
 that are none, though wheels that spin or tell late deny them."""
 
-import math
-from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from slam.beams import Beams
 from slam.candidates import Candidates, Prediction
+from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import Keyframe
-from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.people_along import SeenBefore
 from slam.se2 import SE2
-from slam.slam_map import SlamMap
 from slam.surface_map import SurfaceMap, SurfaceMatch, faced
+from tests.slam.corridors import ANGLES_RAD, ROOM, WALLS, mapped, person, spun
 from tests.slam.synthetic import box, room, scan_of
 from tests.slam.test_open_runs import kept
 
-# 14 m of bare walls between two ends with things to see
-WALLS = np.concatenate(
-    [
-        room(-6.0, -1.0, 20.0, 1.0),
-        box(-3.0, 0.4, -2.2, 1.0),
-        box(-1.0, -1.0, -0.5, -0.5),
-        box(15.0, 0.3, 15.6, 1.0),
-        box(17.0, -1.0, 17.9, -0.4),
-    ]
-)
-ANGLES_RAD = np.radians(np.linspace(-135.0, 135.0, 361))
 CONFIG = FrontEndConfig()
-
-
-def person(x: float, y: float) -> np.ndarray:
-    """Two legs."""
-    legs = [box(x - 0.06, y + aside - 0.06, x + 0.06, y + aside + 0.06) for aside in (-0.15, 0.15)]
-    return np.concatenate(legs)
 
 
 def ahead(x: float) -> list[np.ndarray]:
@@ -49,40 +31,6 @@ def slower(x: float) -> list[np.ndarray]:
     """Two, whom the robot comes up to."""
     first = 5.0 + 0.6 * (x - 3.0)
     return [person(first, 0.4), person(first + 0.3, -0.4)] if 3.0 < x < 8.0 else []
-
-
-def spun(true_m: np.ndarray, at: int, far_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where a robot is [m] whose wheels spin over so far while it stands, and what they tell of each step."""
-    step_m = true_m[1] - true_m[0]
-    long = round(far_m / step_m)
-    told_m = np.full(len(true_m) + long, step_m)
-    told_m[0] = 0.0
-    return np.insert(true_m, at, np.full(long, true_m[at - 1])), told_m
-
-
-def mapped(
-    true_m: np.ndarray,
-    told_m: np.ndarray,
-    sigma_m: float,
-    walls: Callable[[float], np.ndarray],
-    *,
-    angles_rad: np.ndarray = ANGLES_RAD,
-    range_m: float = 8.0,
-    turn_rad: float = 0.0,
-    seed: int = 0,
-) -> tuple[SlamMap, float]:
-    """The map of a drive along x, and how far off it is at most [m]. sigma_m: of a metre by the wheels;
-    turn_rad: of each step by them."""
-    rng, mapper = np.random.default_rng(seed), Mapper(SE2.identity())
-    step_m = true_m[1] - true_m[0]
-    for k, (x, way_m) in enumerate(zip(true_m, told_m, strict=True)):
-        scan = scan_of(walls(x), SE2(x, 0.0, 0.0), rng, 0.01, angles_rad, range_m)
-        noise = sigma_m * math.sqrt(way_m)
-        motion = SE2(way_m + rng.normal(0.0, noise), 0.0, rng.normal(0.0, turn_rad) if k else 0.0)
-        told = np.diag([noise**2 + 1e-6, 1e-4, 1e-4])
-        mapper.update(Measurement(max(0.2, step_m) * k, motion, scan, told))
-    slam_map = mapper.finish()
-    return slam_map, float(np.abs(slam_map.trajectory.poses[:, 0] - true_m).max())
 
 
 @pytest.mark.parametrize("people", [ahead, slower])
@@ -140,34 +88,6 @@ def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_peopl
     assert match.T_map_base.is_near(led, 0.1, 0.02) is is_led
 
 
-ROOM = np.concatenate(
-    [
-        room(-3.0, -3.0, 17.0, 3.0),
-        box(0.5, 1.5, 1.5, 3.0),
-        box(3.0, -3.0, 4.0, -2.0),
-        box(5.5, 1.8, 6.0, 2.4),
-        box(8.0, -2.6, 9.1, -1.9),
-        box(10.0, 2.2, 12.0, 3.0),
-        box(13.0, -3.0, 13.6, -1.4),
-        box(15.0, 1.0, 15.5, 1.7),
-    ]
-)
-
-
-DOORS = np.concatenate(
-    [room(-6.0, -1.0, 20.0, 1.0), box(-3.0, 0.4, -2.2, 1.0), box(18.0, -1.0, 18.9, -0.4)]
-    # walls a hand's breadth thick between doors of a corridor, each in its own distance
-    + [
-        box(x, 0.85, x + long, 1.0)
-        for x, long in ((0.5, 0.9), (2.9, 0.5), (6.1, 1.1), (8.8, 0.7), (12.7, 0.9), (15.2, 0.4))
-    ]
-    + [
-        box(x, -1.0, x + long, -0.85)
-        for x, long in ((-1.2, 0.5), (1.6, 0.8), (4.4, 0.6), (7.7, 1.0), (10.9, 0.5), (14.1, 1.2))
-    ]
-)
-
-
 @pytest.mark.parametrize("step_m", [0.25, 0.5])
 @pytest.mark.parametrize("sigma_m", [0.003, 0.01])
 @pytest.mark.parametrize(("slips", "every"), [(True, 1), (False, 2)])
@@ -193,20 +113,6 @@ def test_walls_that_have_just_come_into_reach_are_no_people(at, beams, seed):
         true_m, told_m, 0.01, lambda _: ROOM, angles_rad=angles_rad, range_m=4.0, seed=seed
     )
     assert off_m < 0.35, slam_map.verdict
-
-
-@pytest.mark.parametrize(
-    ("step_m", "far_m", "beams"), [(0.5, 1.0, 361), (0.25, 2.0, 181), (0.1, 1.0, 361)]
-)
-@pytest.mark.parametrize("at_m", [4.5, 6.3, 8.0])
-def test_wheels_that_spin_between_doors_are_told_by_scans_that_look_the_same(
-    step_m, far_m, beams, at_m
-):
-    # edges of a hand's breadth were outliers where the wheels led: 0.6 to 1.9 m off and good
-    angles_rad = np.radians(np.linspace(-135.0, 135.0, beams))
-    true_m, told_m = spun(np.arange(0.0, 14.0, step_m), round(at_m / step_m), far_m)
-    slam_map, off_m = mapped(true_m, told_m, 0.01, lambda _: DOORS, angles_rad=angles_rad)
-    assert off_m < 0.3, slam_map.verdict
 
 
 @pytest.mark.parametrize(("drawn_m", "are_people"), [(0.0, False), (0.3, False), (0.9, True)])
@@ -236,8 +142,8 @@ def test_people_that_those_before_saw_as_well_are_told_by_who_looked_through_the
 @pytest.mark.parametrize(
     ("far_m", "are_people"),
     [
-        (5.5, True),  # where those before looked through, and met nothing
-        (9.5, False),  # beyond what these could have seen
+        (5.5, True),  # where beams of those before came back from nowhere
+        (8.1, False),  # at the end of what these could have seen
     ],
 )
 def test_people_stand_where_those_before_looked_through(far_m, are_people):
@@ -248,6 +154,47 @@ def test_people_stand_where_those_before_looked_through(far_m, are_people):
         seen_before(before, walls, SE2(4.0, 0.0, 0.0), rng).are_people(at(4.0), SE2(4.5, 0.0, 0.0))
         is are_people
     )
+
+
+def test_of_a_room_where_somebody_else_walks_by_the_walls_are_none():
+    rng, before = np.random.default_rng(5), []
+    for k, x in enumerate(np.arange(0.0, 3.1, 0.25)):
+        walls = np.concatenate([ROOM, person(4.5, -1.8 + 0.25 * k)])
+        before.append(kept(walls, SE2(x, 0.0, 0.0), rng))
+    walls = np.concatenate([ROOM, person(4.5, 1.6)])
+    asked = seen_before(before, walls, SE2(3.25, 0.0, 0.0), rng)
+    assert not asked.are_people(at(3.25), SE2(4.0, 0.0, 0.0))
+
+
+def test_at_the_start_the_first_keyframe_says_what_stood_there():
+    # the last two lie aside, where wheels that spun led
+    rng = np.random.default_rng(6)
+    scans = [kept(ROOM, SE2(x, 0.0, 0.0), rng) for x in (0.0, 0.25, 0.25)]
+    before = [
+        replace(one, T_map_base=SE2(x, 0.0, 0.0))
+        for one, x in zip(scans, (0.0, 0.55, 0.85), strict=True)
+    ]
+    asked = seen_before(before, ROOM, SE2(0.25, 0.0, 0.0), rng)
+    assert not asked.are_people(at(0.25), SE2(1.0, 0.0, 0.0))
+
+
+def test_a_cart_close_by_hides_what_is_behind_it_from_all_but_the_last():
+    rng, bare = np.random.default_rng(7), room(-30.0, -1.0, 30.0, 1.0)
+
+    def with_it(x: float) -> np.ndarray:
+        return np.concatenate([bare, box(x + 0.7, -0.4, x + 0.9, 0.4)])
+
+    before = [kept(with_it(x), SE2(x, 0.0, 0.0), rng) for x in np.arange(0.0, 3.1, 0.25)]
+    asked = seen_before(before, with_it(3.25), SE2(3.25, 0.0, 0.0), rng)
+    assert asked.are_people(at(3.0), SE2(3.25, 0.0, 0.0))
+
+
+def test_keyframes_of_which_only_the_place_is_kept_say_nothing():
+    rng, bare = np.random.default_rng(2), room(-30.0, -1.0, 30.0, 1.0)
+    before = [kept(bare, SE2(x, 0.0, 0.0), rng).place_alone() for x in np.arange(0.0, 3.1, 0.25)]
+    walls = np.concatenate([bare, person(5.5, 0.0)])
+    asked = seen_before(before, walls, SE2(4.0, 0.0, 0.0), rng)
+    assert not asked.are_people(at(4.0), SE2(4.5, 0.0, 0.0))
 
 
 def test_what_hid_where_it_is_now_is_told_by_where_it_was():
@@ -262,9 +209,72 @@ def test_what_hid_where_it_is_now_is_told_by_where_it_was():
     assert asked.are_people(at(4.0), SE2(4.5, 0.0, 0.0))
 
 
+class Alone(SurfaceMap):
+    """Of which any scan matches at one place."""
+
+    def __init__(self, place: SE2) -> None:
+        super().__init__()
+        self.place = place
+
+    def match(self, points_base, T_start, *_):
+        nothing = np.zeros((3, 3))
+        return SurfaceMatch(self.place, nothing, nothing, 1.0, 1.0, 0.1, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("alone", "step_m", "are_people"),
+    [
+        (SE2(0.1, 0.0, 0.0), 0.1, True),
+        (SE2(0.19, 0.0, 0.0), 0.1, False),  # by no more than noise
+        (SE2(0.19, 0.0, 0.1), 0.1, False),  # a turn, which walls tell
+        (SE2(0.1, 0.0, 0.0), 0.5, False),  # a long step, which wheels deny by itself
+    ],
+)
+def test_people_who_draw_scans_little_by_little(monkeypatch, alone, step_m, are_people):
+    monkeypatch.setattr(SeenBefore, "are_people", lambda *_: True)
+    led, P = SE2(0.2, 0.0, 0.0), 0.02**2 * np.eye(3)
+    last = SE2(0.2 - step_m, 0.0, 0.0)
+    since = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    match = Alone(SE2(0.17, 0.0, 0.0)).match(None, led)
+    told = replace(since, T_map_base=last @ SE2(step_m, 0.0, 0.0))
+    asked = Candidates(Alone(alone), [], CONFIG)
+    assert asked.are_people(np.zeros((0, 3)), None, told, since, match) is are_people
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "is_held"),
+    [(0.02, True), (0.4, False)],  # nobody knows the way
+)
+def test_where_people_drew_scans_the_wheels_lead_from_the_last_keyframe(
+    monkeypatch, sigma_m, is_held
+):
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(8)
+    asked = []
+    # people at the third scan
+    monkeypatch.setattr(
+        Candidates, "are_people", lambda *args: bool(asked.append(args) or len(asked) == 2)
+    )
+    learnt = []
+    monkeypatch.setattr(FrontEnd, "_learn_scale", lambda *args: learnt.append(args))
+    for k in range(3):
+        scan = scan_of(ROOM, SE2(0.05 * k, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
+        motion = SE2(0.1 if k else 0.0, 0.0, 0.0)
+        step = front_end.update(Measurement(0.2 * k, motion, scan, np.diag([sigma_m**2] * 3)))
+    told = front_end._told
+    assert len(asked) == (2 if is_held else 0)
+    assert len(learnt) == (1 if is_held else 2)
+    if is_held:
+        since = asked[-1][4]
+        assert since.T_map_base.is_near(SE2(0.2, 0.0, 0.0), 1e-9, 1e-9)
+        assert np.allclose(since.covariance, told.covariance)
+        # held to the wheels more than scans are let pull else
+        assert step.T_map_base.x > 0.12
+
+
 def seen_before(
     before: list[Keyframe], walls: np.ndarray, pose: SE2, rng: np.random.Generator
 ) -> SeenBefore:
+    """Of a scan taken at a pose."""
     scan = scan_of(walls, pose, rng, 0.01, ANGLES_RAD, 8.0)
     points = faced(scan.points(SE2.identity()), np.zeros(2))
     return SeenBefore(before, points, Beams.of(scan, SE2.identity()), CONFIG)

@@ -1,0 +1,158 @@
+"""Wheels that spin while the robot stands: a scan looks as one shortly before did."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.beams import Beams
+from slam.candidates import Candidates, Prediction
+from slam.front_end import FrontEnd
+from slam.front_end_config import FrontEndConfig
+from slam.keyframes import Keyframe, StepStatus
+from slam.measurements import Measurement
+from slam.people_along import SeenBefore
+from slam.se2 import SE2
+from slam.surface_map import SurfaceMap, SurfaceMatch
+from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, mapped, spun
+from tests.slam.synthetic import scan_of
+from tests.slam.test_open_runs import kept
+
+POINTS = np.zeros((0, 3))
+
+
+@pytest.mark.parametrize(
+    ("step_m", "far_m", "beams"), [(0.5, 1.0, 361), (0.25, 2.0, 181), (0.1, 1.0, 361)]
+)
+@pytest.mark.parametrize("at_m", [4.5, 6.3, 8.0])
+def test_wheels_that_spin_between_doors_are_told_by_scans_that_look_the_same(
+    step_m, far_m, beams, at_m
+):
+    # edges of a hand's breadth were outliers where the wheels led: 0.6 to 1.9 m off and good
+    angles_rad = np.radians(np.linspace(-135.0, 135.0, beams))
+    true_m, told_m = spun(np.arange(0.0, 14.0, step_m), round(at_m / step_m), far_m)
+    slam_map, off_m = mapped(true_m, told_m, 0.01, lambda _: DOORS, angles_rad=angles_rad)
+    assert off_m < 0.3, slam_map.verdict
+
+
+@pytest.mark.parametrize(("step_m", "beams"), [(0.25, 361), (0.25, 181), (0.5, 361)])
+@pytest.mark.parametrize("seed", range(4))
+def test_pillars_that_look_the_same_do_not_hold_a_robot_back(step_m, beams, seed):
+    # with wheels that are right: put back by half a metre, one of three, and good
+    true_m = np.arange(0.0, 14.0, step_m)
+    told_m = np.full(len(true_m), step_m)
+    told_m[0] = 0.0
+    angles_rad = np.radians(np.linspace(-135.0, 135.0, beams))
+    slam_map, off_m = mapped(
+        true_m, told_m, 0.01, lambda _: PILLARS, angles_rad=angles_rad, seed=seed
+    )
+    assert off_m < 0.3
+    assert slam_map.verdict.is_good
+
+
+def at(
+    x_m: float, inlier_ratio: float = 1.0, cost: float = 0.04, seen: float = 1.0
+) -> SurfaceMatch:
+    pose, nothing = SE2(x_m, 0.0, 0.0), np.zeros((3, 3))
+    return SurfaceMatch(pose, nothing, nothing, seen, inlier_ratio, cost, 1.0)
+
+
+STANDS, LED = at(0.0), at(0.5, 0.9, 0.2)
+
+
+class Surfaces(SurfaceMap):
+    """Of which a scan matches where it is said to; with the wheels pulling a little, a centimetre on."""
+
+    def __init__(self, alone: SurfaceMatch) -> None:
+        super().__init__()
+        self.alone = alone
+
+    def match(self, points_base, T_start, T_predicted, odometry, *_):
+        assert T_start == SE2.identity()
+        return self.alone if not odometry.any() else at(0.01)
+
+
+def stood(
+    alone: SurfaceMatch = STANDS,
+    led: SurfaceMatch = LED,
+    wheels_m: float = 0.5,
+    sigma_m: float = 0.05,
+    keyframes: list[Keyframe] | None = None,
+) -> SurfaceMatch | None:
+    """Of a robot that was at the origin when a scan looked the same."""
+    rng = np.random.default_rng(1)
+    known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
+    candidates = Candidates(
+        Surfaces(alone), known if keyframes is None else keyframes, FrontEndConfig()
+    )
+    scan = scan_of(DOORS, SE2.identity(), rng, 0.0, ANGLES_RAD, 8.0)
+    beams = Beams.of(scan, SE2.identity())
+    candidates.still.take(beams, SE2.identity())
+    P = sigma_m**2 * np.eye(3)
+    T_wheels = SE2(wheels_m, 0.0, 0.0)
+    told = Prediction(SE2.identity(), T_wheels, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    return candidates.stood(POINTS, beams, told, led)
+
+
+def broken(last: int) -> list[Keyframe]:
+    """Keyframes of which one, from the last on, begins a piece."""
+    rng = np.random.default_rng(2)
+    found = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (5, 4, 3, 2, 1, 0)]
+    found[-last] = replace(found[-last], is_break=True)
+    return found
+
+
+def test_where_the_robot_stood_it_is_if_a_scan_fits_there_and_far_worse_where_its_wheels_lead():
+    found = stood()
+    assert found is not None
+    assert found.T_map_base == SE2(0.01, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"sigma_m": 0.4},  # nobody knows the way
+        {"led": at(0.1, 0.9, 0.2)},  # hardly off, whatever the wheels say
+        {"alone": at(0.0, 0.94)},
+        {"alone": at(0.0, seen=0.94)},
+        {"alone": at(0.06)},
+        {"alone": at(0.0, cost=0.16)},
+        {"keyframes": []},
+        {"keyframes": broken(1)},
+        {"keyframes": broken(4)},
+    ],
+)
+def test_else_it_is_where_the_wheels_lead(said):
+    assert stood(**said) is None
+
+
+def test_pieces_begun_before_the_last_keyframes_say_nothing_of_it():
+    assert stood(keyframes=broken(5)) is not None
+
+
+def test_people_who_walk_along_are_no_reason_to_stand(monkeypatch):
+    monkeypatch.setattr(SeenBefore, "are_people", lambda *_: True)
+    assert stood() is None
+
+
+def test_the_wheels_of_a_robot_that_stood_do_not_tell_the_way_to_the_next_keyframe(monkeypatch):
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
+    for k, x in enumerate((0.0, 0.25, 0.5, 0.75, 1.0, 1.0)):
+        scan = scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
+        told = SE2(0.25 if k else 0.0, 0.0, 0.0)
+        step = front_end.update(Measurement(0.2 * k, told, scan, np.diag([1e-4] * 3)))
+    assert step.status is StepStatus.SEARCHED
+    assert abs(step.T_map_base.x - 1.0) < 0.05
+
+
+def test_poses_are_noted_where_scans_were_placed_and_forgotten_where_none_was():
+    front_end, rng = FrontEnd(SE2.identity()), np.random.default_rng(0)
+    for k, x in enumerate((0.0, 0.25, 0.5)):
+        scan = scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
+        told = SE2(0.27 if k else 0.0, 0.0, 0.0)  # too far
+        front_end.update(Measurement(0.2 * k, told, scan, np.diag([1e-3] * 3)))
+    still, beams = front_end._candidates.still, Beams.of(scan, SE2.identity())
+    assert still.place(beams, front_end.T_map_base, 0.0) == front_end.T_map_base
+    nothing = replace(scan, ranges_m=np.full_like(scan.ranges_m, np.inf))
+    front_end.update(Measurement(0.6, SE2.identity(), nothing, np.diag([1e-3] * 3)))
+    assert still.place(beams, front_end.T_map_base, 0.0) is None
