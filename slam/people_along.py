@@ -102,8 +102,9 @@ class SeenBefore:
     @cached_property
     def _sure_m(self) -> float:
         """How far these would have seen something [m]."""
-        farthest = [one.beams.ranges_m[one.beams.is_hit].max(initial=0.0) for one in self._last]
-        return _SURE * float(np.median(farthest))
+        ends = [np.sort(one.beams.ranges_m[one.beams.is_hit]) for one in self._last]
+        # all but two beams: one may stray
+        return _SURE * max((float(one[-3]) for one in ends if len(one) > 2), default=0.0)
 
     @cached_property
     def _surfaces(self) -> SurfaceMap:

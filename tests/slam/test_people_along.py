@@ -189,6 +189,17 @@ def test_a_cart_close_by_hides_what_is_behind_it_from_all_but_the_last():
     assert asked.are_people(at(3.0), SE2(3.25, 0.0, 0.0))
 
 
+def test_one_beam_that_strays_does_not_say_how_far_a_laser_sees():
+    rng, bare = np.random.default_rng(2), room(-30.0, -1.0, 30.0, 1.0)
+    before = [kept(bare, SE2(x, 0.0, 0.0), rng) for x in np.arange(0.0, 3.1, 0.25)]
+    ranges_m = before[-1].beams.ranges_m.copy()
+    ranges_m[3] = 40.0
+    before[-1] = replace(before[-1], beams=replace(before[-1].beams, ranges_m=ranges_m))
+    walls = np.concatenate([bare, person(9.5, 0.0)])
+    asked = seen_before(before, walls, SE2(4.0, 0.0, 0.0), rng)
+    assert not asked.are_people(at(4.0), SE2(4.5, 0.0, 0.0))
+
+
 def test_keyframes_of_which_only_the_place_is_kept_say_nothing():
     rng, bare = np.random.default_rng(2), room(-30.0, -1.0, 30.0, 1.0)
     before = [kept(bare, SE2(x, 0.0, 0.0), rng).place_alone() for x in np.arange(0.0, 3.1, 0.25)]
