@@ -162,18 +162,35 @@ class Candidates:
         match: SurfaceMatch,
     ) -> bool:
         """Whether people who walked along drew a match of faced points (N, 3) aside of where the wheels led
-        since the last keyframe; told: since the last scan."""
-        if match.least_facing > _MOST_FACING or not since.is_denying(match, _DRAWN[0]):
+        since the last keyframe, and since the last scan: told."""
+        is_long = apart_m(told.T_last, told.T_map_base) > _SHORT_M
+        if is_long or match.least_facing > _MOST_FACING:
             return False
-        if apart_m(told.T_last, told.T_map_base) > _SHORT_M:
+        # wheels that had spun when scans denied them lead on from there
+        if not (told.is_denying(match, _DRAWN[0]) and since.is_denying(match, _DRAWN[0])):
             return False
-        T, T_wheels = match.T_map_base, since.T_map_base
-        alone = self._surfaces.match(points, T, T, np.zeros((3, 3)))
-        off = alone.T_map_base.inverse() @ T_wheels
+        alone = self._alone(points, match)
+        off = alone.T_map_base.inverse() @ since.T_map_base
         is_turned = math.hypot(off.x, off.y) < abs(off.theta)  # walls tell the heading
         if is_turned or not since.is_denying(alone, _DRAWN[1]):
             return False
-        return SeenBefore(self._keyframes, points, beams, self._config).are_people(alone, T_wheels)
+        before = SeenBefore(self._keyframes, points, beams, self._config)
+        return before.are_people(alone, since.T_map_base)
+
+    def held_along(
+        self, points: FloatArray, since: Prediction, match: SurfaceMatch
+    ) -> SurfaceMatch:
+        """As `held`, but only along the way that people drew a match aside: walls tell the rest."""
+        T, share = since.T_map_base, self._config.surfaces.share
+        off = T.inverse() @ self._alone(points, match).T_map_base
+        way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
+        along = np.outer(way, way) / float(way @ since.covariance @ way)
+        return self._surfaces.match(points, T, T, along, pull=share)
+
+    def _alone(self, points: FloatArray, match: SurfaceMatch) -> SurfaceMatch:
+        """Where a scan lies without the wheels."""
+        T = match.T_map_base
+        return self._surfaces.match(points, T, T, np.zeros((3, 3)))
 
     def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
         """The match from where the wheels lead that gives in to the scan less than others do."""

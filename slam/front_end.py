@@ -165,7 +165,7 @@ class FrontEnd:
         if since.is_guess or not self._candidates.are_people(points, beams, told, since, match):
             return told, match
         self._P = P
-        return since, self._candidates.held(points, since)
+        return since, self._candidates.held_along(points, since, match)
 
     def _by_wheels(self, told: Prediction, status: StepStatus) -> ToldStep:
         """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,

@@ -233,23 +233,63 @@ class Alone(SurfaceMap):
 
 
 @pytest.mark.parametrize(
-    ("alone", "step_m", "are_people"),
+    ("alone", "step_m", "told_m", "are_people"),
     [
-        (SE2(0.1, 0.0, 0.0), 0.1, True),
-        (SE2(0.19, 0.0, 0.0), 0.1, False),  # by no more than noise
-        (SE2(0.19, 0.0, 0.1), 0.1, False),  # a turn, which walls tell
-        (SE2(0.1, 0.0, 0.0), 0.5, False),  # a long step, which wheels deny by itself
+        (SE2(0.1, 0.0, 0.0), 0.1, 0.2, True),
+        (SE2(0.19, 0.0, 0.0), 0.1, 0.2, False),  # by no more than noise
+        (SE2(0.19, 0.0, 0.1), 0.1, 0.2, False),  # a turn, which walls tell
+        (SE2(0.1, 0.0, 0.0), 0.5, 0.2, False),  # a long step, which wheels deny by itself
+        # wheels that had spun, and were denied then: where somebody crosses they led all of it farther
+        (SE2(0.1, 0.0, 0.0), 0.1, 0.17, False),
     ],
 )
-def test_people_who_draw_scans_little_by_little(monkeypatch, alone, step_m, are_people):
+def test_people_who_draw_scans_little_by_little(monkeypatch, alone, step_m, told_m, are_people):
     monkeypatch.setattr(SeenBefore, "are_people", lambda *_: True)
-    led, P = SE2(0.2, 0.0, 0.0), 0.02**2 * np.eye(3)
-    last = SE2(0.2 - step_m, 0.0, 0.0)
-    since = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    P, led = 0.02**2 * np.eye(3), SE2(told_m, 0.0, 0.0)
+    last = SE2(told_m - step_m, 0.0, 0.0)
+    told = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    since = replace(told, T_map_base=SE2(0.2, 0.0, 0.0))
     match = Alone(SE2(0.17, 0.0, 0.0)).match(None, led)
-    told = replace(since, T_map_base=last @ SE2(step_m, 0.0, 0.0))
     asked = Candidates(Alone(alone), [], CONFIG)
     assert asked.are_people(np.zeros((0, 3)), None, told, since, match) is are_people
+
+
+def test_walls_tell_what_lies_across_the_way_that_people_drew_a_scan_aside():
+    rng, surfaces = np.random.default_rng(9), SurfaceMap()
+    before = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), person(1.7, 0.3)])
+    surfaces.add(kept(before, SE2.identity(), rng).faced)
+    walls = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), person(2.0, 0.3)])
+    points = kept(walls, SE2(0.3, 0.0, 0.0), rng).faced
+    # by wheels that are sure, but turn by 6 degrees and go aside
+    led, P = SE2(0.3, 0.1, 0.1), 0.01**2 * np.eye(3)
+    since = Prediction(SE2.identity(), led, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    drawn = Alone(SE2.identity()).match(None, led)
+    held = Candidates(surfaces, [], CONFIG).held_along(points, since, drawn)
+    assert held.T_map_base.is_near(SE2(0.3, 0.0, 0.0), 0.05, 0.02)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_wheels_that_spun_do_not_lead_on_because_somebody_crosses(seed):
+    # of a laser that sees 4 m ahead, a metre farther and good
+    def with_people(x: float) -> np.ndarray:
+        crossing = [
+            person(at_m + 1.0, -1.5 + 1.2 * (x - at_m + 2.5))
+            for at_m in (4.0, 7.0, 9.0)
+            if abs(x - at_m) < 2.5
+        ]
+        return np.concatenate([ROOM, *crossing])
+
+    true_m, told_m = spun(np.arange(0.0, 14.0, 0.15), 45, 1.0)
+    slam_map, off_m = mapped(
+        true_m,
+        told_m,
+        0.01,
+        with_people,
+        angles_rad=np.radians(np.linspace(-90.0, 90.0, 181)),
+        range_m=4.0,
+        seed=seed,
+    )
+    assert off_m < 0.35, slam_map.verdict
 
 
 @pytest.mark.parametrize(
