@@ -223,34 +223,37 @@ def test_what_hid_where_it_is_now_is_told_by_where_it_was():
 class Alone(SurfaceMap):
     """Of which any scan matches at one place."""
 
-    def __init__(self, place: SE2) -> None:
+    def __init__(self, place: SE2, cost: float = 0.04) -> None:
         super().__init__()
-        self.place = place
+        self.place, self.cost = place, cost
 
     def match(self, points_base, T_start, *_):
         nothing = np.zeros((3, 3))
-        return SurfaceMatch(self.place, nothing, nothing, 1.0, 1.0, 0.1, 1.0)
+        return SurfaceMatch(self.place, nothing, nothing, 1.0, 1.0, self.cost, 1.0)
 
 
 @pytest.mark.parametrize(
-    ("alone", "step_m", "told_m", "are_people"),
+    ("alone", "cost", "step_m", "told_m", "are_people"),
     [
-        (SE2(0.1, 0.0, 0.0), 0.1, 0.2, True),
-        (SE2(0.19, 0.0, 0.0), 0.1, 0.2, False),  # by no more than noise
-        (SE2(0.19, 0.0, 0.1), 0.1, 0.2, False),  # a turn, which walls tell
-        (SE2(0.1, 0.0, 0.0), 0.5, 0.2, False),  # a long step, which wheels deny by itself
+        (SE2(0.1, 0.0, 0.0), 0.04, 0.1, 0.2, True),
+        (SE2(0.19, 0.0, 0.0), 0.04, 0.1, 0.2, False),  # by no more than noise
+        (SE2(0.19, 0.0, 0.1), 0.04, 0.1, 0.2, False),  # a turn, which walls tell
+        (SE2(0.1, 0.0, 0.0), 0.12, 0.1, 0.2, False),  # rough walls, as of a mine
+        (SE2(0.1, 0.0, 0.0), 0.04, 0.5, 0.2, False),  # a long step, which wheels deny by itself
         # wheels that had spun, and were denied then: where somebody crosses they led all of it farther
-        (SE2(0.1, 0.0, 0.0), 0.1, 0.17, False),
+        (SE2(0.1, 0.0, 0.0), 0.04, 0.1, 0.17, False),
     ],
 )
-def test_people_who_draw_scans_little_by_little(monkeypatch, alone, step_m, told_m, are_people):
+def test_people_who_draw_scans_little_by_little(
+    monkeypatch, alone, cost, step_m, told_m, are_people
+):
     monkeypatch.setattr(SeenBefore, "are_people", lambda *_: True)
     P, led = 0.02**2 * np.eye(3), SE2(told_m, 0.0, 0.0)
     last = SE2(told_m - step_m, 0.0, 0.0)
     told = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     since = replace(told, T_map_base=SE2(0.2, 0.0, 0.0))
     match = Alone(SE2(0.17, 0.0, 0.0)).match(None, led)
-    asked = Candidates(Alone(alone), [], CONFIG)
+    asked = Candidates(Alone(alone, cost), [], CONFIG)
     assert asked.are_people(np.zeros((0, 3)), None, told, since, match) is are_people
 
 
