@@ -140,7 +140,7 @@ class Candidates:
         spun since: they fit there, and far worse where these lead. None where they did not."""
         last = self._keyframes[-_KNOWN_FROM:]
         is_known = len(last) == _KNOWN_FROM and not any(one.is_break for one in last)
-        if told.is_guess or not is_known:
+        if led.cost < _STILL_BETTER or told.is_guess or not is_known:
             return None
         T_still = self.still.place(beams, told.T_last, apart_m(told.T_last, told.T_map_base))
         if T_still is None or led.T_map_base.is_near(T_still, *_SPUN):
@@ -157,6 +157,14 @@ class Candidates:
             return None
         return self._surfaces.match(points, T_still, told.T_map_base, LITTLE * told.odometry)
 
+    def may_be_people(self, told: Prediction, match: SurfaceMatch) -> bool:
+        """Whether it is worth to ask `are_people`: wheels that had spun when scans denied them lead on from
+        there, and do not deny the next ones."""
+        if match.least_facing > _MOST_FACING:
+            return False
+        is_short = apart_m(told.T_last, told.T_map_base) <= _SHORT_M
+        return is_short and told.is_denying(match, _DRAWN[0])
+
     def are_people(
         self,
         points: FloatArray,
@@ -167,11 +175,7 @@ class Candidates:
     ) -> bool:
         """Whether people who walked along drew a match of faced points (N, 3) aside of where the wheels led
         since the last keyframe, and since the last scan: told."""
-        is_long = apart_m(told.T_last, told.T_map_base) > _SHORT_M
-        if is_long or match.least_facing > _MOST_FACING:
-            return False
-        # wheels that had spun when scans denied them lead on from there
-        if not (told.is_denying(match, _DRAWN[0]) and since.is_denying(match, _DRAWN[0])):
+        if not (self.may_be_people(told, match) and since.is_denying(match, _DRAWN[0])):
             return False
         alone = self._alone(points, match)
         off = alone.T_map_base.inverse() @ since.T_map_base

@@ -155,7 +155,7 @@ class FrontEnd:
         """A prediction and a match with faced points (N, 3) that people drew aside, who walked along since
         the last keyframe: where the wheels lead from there. They drew aside scans since as well, each by
         too little to be denied."""
-        if not self.keyframes or told.is_guess:
+        if told.is_guess or not (self.keyframes and self._candidates.may_be_people(told, match)):
             return told, match
         T_map_base = self.keyframes[-1].T_map_base @ self._told.motion
         P = self._told.covariance

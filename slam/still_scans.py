@@ -39,6 +39,8 @@ class StillScans:
             return None
         shares = np.empty(count)
         same_into(self._ranges_m[:count], beams.ranges_m, *_NOISE, shares)
+        if shares.max() < _SAME:
+            return None
         is_near = np.array([apart_m(place, T_last) <= _LONG_M for place in self._places])
         if not (shares[is_near] >= _SAME).any():
             return None

@@ -308,6 +308,7 @@ def test_where_people_drew_scans_the_wheels_lead_from_the_last_keyframe(
     monkeypatch.setattr(
         Candidates, "are_people", lambda *args: bool(asked.append(args) or len(asked) == 2)
     )
+    monkeypatch.setattr(Candidates, "may_be_people", lambda *_: True)
     learnt = []
     monkeypatch.setattr(FrontEnd, "_learn_scale", lambda *args: learnt.append(args))
     for k in range(3):
