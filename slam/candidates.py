@@ -145,7 +145,7 @@ class Candidates:
         T_still = self.still.place(beams, told.T_last, apart_m(told.T_last, told.T_map_base))
         if T_still is None or led.T_map_base.is_near(T_still, *_SPUN):
             return None
-        alone = self._surfaces.match(points, T_still, T_still, np.zeros((3, 3)))
+        alone = self._alone(points, T_still)
         fits = min(alone.inlier_ratio, alone.seen_ratio) > _STILL_FITS
         if not (fits and alone.T_map_base.is_near(T_still, *_STILL)):
             return None
@@ -177,7 +177,7 @@ class Candidates:
         since the last keyframe, and since the last scan: told."""
         if not (self.may_be_people(told, match) and since.is_denying(match, _DRAWN[0])):
             return False
-        alone = self._alone(points, match)
+        alone = self._alone(points, match.T_map_base)
         off = alone.T_map_base.inverse() @ since.T_map_base
         is_turned = math.hypot(off.x, off.y) < abs(off.theta)  # walls tell the heading
         is_clean = alone.cost < _CLEAN
@@ -191,15 +191,14 @@ class Candidates:
     ) -> SurfaceMatch:
         """As `held`, but only along the way that people drew a match aside: walls tell the rest."""
         T, share = since.T_map_base, self._config.surfaces.share
-        off = T.inverse() @ self._alone(points, match).T_map_base
+        off = T.inverse() @ self._alone(points, match.T_map_base).T_map_base
         way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
         along = np.outer(way, way) / float(way @ since.covariance @ way)
         return self._surfaces.match(points, T, T, along, pull=share)
 
-    def _alone(self, points: FloatArray, match: SurfaceMatch) -> SurfaceMatch:
-        """Where a scan lies without the wheels."""
-        T = match.T_map_base
-        return self._surfaces.match(points, T, T, np.zeros((3, 3)))
+    def _alone(self, points: FloatArray, T_start: SE2) -> SurfaceMatch:
+        """The match near a pose without the wheels."""
+        return self._surfaces.match(points, T_start, T_start, np.zeros((3, 3)))
 
     def held(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
         """The match from where the wheels lead that gives in to the scan less than others do."""
