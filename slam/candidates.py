@@ -60,9 +60,8 @@ class Prediction:
 
     odometry: (3, 3) information by which matches are held there; not the inverse of the covariance
     if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
-    see `WheelScale`. other: a motion that may have been in its place. T_coasted: where the robot is if
-    it went on as before, None where that is not known. are_people: from the last keyframe, since what scans saw
-    walked along.
+    see `WheelScale`. other: a motion that may have been in its place. are_people: from the last
+    keyframe, since what scans saw walked along.
     """
 
     T_last: SE2
@@ -72,7 +71,6 @@ class Prediction:
     noise: float
     is_coasting: bool
     other: SE2 | None = None
-    T_coasted: SE2 | None = None
     are_people: bool = False
 
     @property
@@ -205,12 +203,13 @@ class Candidates:
         T, share = told.T_map_base, self._config.surfaces.share
         return self._surfaces.match(points, T, T, told.odometry, pull=share)
 
-    def around(self, points: FloatArray, told: Prediction) -> SurfaceMatch:
+    def around(self, points: FloatArray, told: Prediction, usual: SE2 | None) -> SurfaceMatch:
         """The best match from where the robot was last and from all around where it may be: there, where
-        the wheels lead, and where it is if it went on as before, whatever the wheels say."""
+        the wheels lead, and where it is if it went on as before, whatever the wheels say: by the usual
+        motion, None where that is not known."""
         config, T_last, T_predicted = self._config, told.T_last, told.T_map_base
         middles = [T_last, T_predicted]
-        middles += [] if told.T_coasted is None else [told.T_coasted]
+        middles += [] if usual is None else [T_last @ usual]
         found = [
             self._surfaces.match(points, T_predicted, T_predicted, told.odometry, config.trust)
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections import deque
 
 import numpy as np
@@ -51,6 +52,7 @@ class ConstantVelocity:
         where that tells nothing."""
         if not self._velocities or not 0.0 < elapsed_s < _LATE * self._last_s:
             return None
-        last = np.array(self._velocities)
-        x, y, _ = last[-1] if len(last) < _REMEMBERED else np.median(last, axis=0)
-        return SE2.exp(elapsed_s * np.array([x, y, last[-1, 2]]))
+        x, y, omega = self._velocities[-1]
+        if len(self._velocities) == _REMEMBERED:
+            x, y = (statistics.median(one[axis] for one in self._velocities) for axis in range(2))
+        return SE2.exp(elapsed_s * np.array([x, y, omega]))

@@ -129,11 +129,8 @@ class FrontEnd:
         if is_coasting:
             way_m = apart_m(T_last, T_predicted)
             held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
-        usual = self._velocity.motion(self._elapsed_s)
-        return Prediction(
-            T_last, T_predicted, self._P, inverse_of(held), self.wheel_scale.noise, is_coasting, other,
-            None if usual is None or is_coasting else T_last @ usual,
-        )  # fmt: skip
+        noise, odometry = self.wheel_scale.noise, inverse_of(held)
+        return Prediction(T_last, T_predicted, self._P, odometry, noise, is_coasting, other)
 
     def _believed(
         self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction
@@ -264,7 +261,8 @@ class FrontEnd:
         if stood is not None:
             match, status = stood, StepStatus.SEARCHED
         elif match.inlier_ratio < max(good, least):
-            best = self._candidates.around(points, told)
+            usual = None if told.is_coasting else self._velocity.motion(self._elapsed_s)
+            best = self._candidates.around(points, told, usual)
             if self._candidates.is_better(best, led, told, points, beams):
                 match, status = best, StepStatus.SEARCHED
         is_weak = len(points) < config.least_begun and not is_blind

@@ -43,18 +43,28 @@ class Pauses:
         """Notes the time since the last scan [s], inf where there is none, and the motion by the
         wheels; whether that was a pause."""
         config, intervals_s = self.config, self._intervals_s
-        is_known = len(intervals_s) == _INTERVALS
-        usual_s = self.usual_interval_s if is_known else math.inf
-        way_m = math.hypot(motion.x, motion.y)
-        amounts = way_m, abs(motion.theta)
-        takes_s = max(
-            amount * statistics.median(paces) if paces else 0.0
-            for amount, paces in zip(amounts, self._paces, strict=True)
+        amounts = math.hypot(motion.x, motion.y), abs(motion.theta)
+        is_pause = (
+            elapsed_s > config.least_s
+            and amounts[0] < config.most_m
+            and elapsed_s - self._takes_s(amounts)
+            > max(config.least_s, config.intervals * self._known_s)
         )
         if math.isfinite(elapsed_s):
             intervals_s.append(elapsed_s)
             for amount, paces in zip(amounts, self._paces, strict=True):
                 if amount > _DRIVES and elapsed_s > 0.0:
                     paces.append(elapsed_s / amount)
-        rest_s = elapsed_s - takes_s
-        return way_m < config.most_m and rest_s > max(config.least_s, config.intervals * usual_s)
+        return is_pause
+
+    @property
+    def _known_s(self) -> float:
+        """The usual interval, once enough were seen; else inf."""
+        return self.usual_interval_s if len(self._intervals_s) == _INTERVALS else math.inf
+
+    def _takes_s(self, amounts: tuple[float, float]) -> float:
+        """How long a way [m] and a turn [rad] usually take."""
+        return max(
+            amount * statistics.median(paces) if paces else 0.0
+            for amount, paces in zip(amounts, self._paces, strict=True)
+        )

@@ -33,7 +33,7 @@ def wrap_angle(angle_rad: float | NDArray[np.float64]) -> float | NDArray[np.flo
     return math.pi - (math.pi - angle_rad) % (2.0 * math.pi)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class SE2:
     """Pose or motion in the plane: x [m], y [m], theta [rad] in (-pi, pi], counter-clockwise.
 
@@ -45,11 +45,11 @@ class SE2:
     y: float
     theta: float
 
-    def __post_init__(self) -> None:
-        # float() also turns NumPy scalars into plain floats, so that records print and dump well.
-        object.__setattr__(self, "x", float(self.x))
-        object.__setattr__(self, "y", float(self.y))
-        object.__setattr__(self, "theta", wrap_angle(float(self.theta)))
+    def __init__(self, x: float, y: float, theta: float) -> None:
+        # float() also turns NumPy scalars into plain floats, so that records print and dump well. The
+        # generated way, with __post_init__, sets each field twice: mapping makes 20 poses for each scan.
+        fields = self.__dict__
+        fields["x"], fields["y"], fields["theta"] = float(x), float(y), wrap_angle(float(theta))
 
     @overload
     def __matmul__(self, other: SE2) -> SE2: ...

@@ -26,6 +26,9 @@ _NEIGHBOURS_M = 0.2
 """Chosen: so near a point, others are on its surface; short of a wall's next corner, and long enough
 that a noise of 4 cm turns the surface by a few degrees only."""
 
+_STAYS: FloatArray = 1e-6 * np.eye(3)
+"""Information by which a direction that nothing holds stays where it is."""
+
 
 def faced(points: FloatArray, seen_from: FloatArray, *, is_lone_told: bool = True) -> FloatArray:
     """(N, 3) points (N, 2) of a scan in their order [m], as faced points; seen_from: (2,) [m].
@@ -231,8 +234,7 @@ class SurfaceMap:
         config, points = self.config, self.thinned(points_base)
         pull = config.pull if pull is None else pull
         pose, information, stats = T_start.as_array(), np.zeros((3, 3)), np.zeros(5)
-        # such that a direction which nothing holds stays where it is
-        held = odometry + 1e-6 * np.eye(3)
+        held = odometry + _STAYS
         matching.align(
             self._index, self._cells, self._sums, self._is_due, self._surfels, self._cells_m, points,
             config.sigma_m**2, pull, *self._stages,

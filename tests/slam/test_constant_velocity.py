@@ -87,7 +87,7 @@ def test_robot_does_not_go_five_times_as_far_at_once(monkeypatch, interval_s, of
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.25)
 
-    def around(points, told):
+    def around(points, told, usual):
         found = badly(points, told.T_map_base, told.T_map_base, told.odometry)
         off = SE2(off_m, 0.0, 0.0)
         return replace(found, T_map_base=told.T_map_base @ off, inlier_ratio=0.9, cost=0.2)

@@ -53,8 +53,8 @@ def test_no_pose_is_found_metres_from_where_wheels_lead_that_know_the_way(
     two_poses(monkeypatch, front_end, 0.4)
     around = front_end._candidates.around
 
-    def far(points, told):
-        found = around(points, told)
+    def far(points, told, usual):
+        found = around(points, told, usual)
         return replace(found, T_map_base=told.T_map_base @ SE2(off_m, 0.0, 0.0), inlier_ratio=0.9)
 
     monkeypatch.setattr(front_end._candidates, "around", far)
@@ -114,7 +114,7 @@ def test_scan_that_fits_badly_is_where_wheels_lead_if_they_are_sure_and_nothing_
 
     monkeypatch.setattr(front_end._window.surfaces, "match", badly)
 
-    def around(points, told):
+    def around(points, told, usual):
         return badly(points, told.T_map_base, told.T_map_base, told.odometry)
 
     monkeypatch.setattr(front_end._candidates, "around", around)
@@ -172,7 +172,7 @@ def two_poses(monkeypatch, front_end: FrontEnd, gain: float) -> None:
     def badly(*args, **kwargs):
         return replace(match(*args, **kwargs), inlier_ratio=0.8, cost=0.4)
 
-    def around(points, told):
+    def around(points, told, usual):
         found = badly(points, told.T_map_base, told.T_map_base, told.odometry)
         T_there = told.T_map_base @ NEXT_DOOR
         return replace(found, T_map_base=T_there, inlier_ratio=0.9, cost=0.4 - gain)
@@ -202,12 +202,12 @@ def test_scan_that_fits_badly_where_wheels_did_not_lead_is_where_they_led_or_beg
     front_end, second = after_one_scan()
     match = front_end._window.surfaces.match
 
-    def around(points, told):
+    def around(points, told, usual):
         found = match(points, told.T_map_base, told.T_map_base, told.odometry)
         return replace(found, T_map_base=told.T_map_base @ NEXT_DOOR, inlier_ratio=ratio)
 
     def led(points, _, told):
-        return around(points, told)
+        return around(points, told, None)
 
     monkeypatch.setattr(front_end._candidates, "led", led)
     monkeypatch.setattr(front_end._candidates, "around", around)
@@ -373,7 +373,7 @@ def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
     monkeypatch.setattr(front_end._window.surfaces, "searched", lambda *_: [SE2.identity()] * 2)
     here = SE2.identity()
     told = Prediction(here, here, np.eye(3), np.eye(3), noise=1.0, is_coasting=False)
-    found = front_end._candidates.around(front_end._seen(front_end._beams(second)), told)
+    found = front_end._candidates.around(front_end._seen(front_end._beams(second)), told, None)
     assert found.T_map_base.x == pytest.approx(1.0)
 
 
