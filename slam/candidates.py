@@ -38,17 +38,21 @@ those alike where the robot had been."""
 _STILL_FITS, _STILL_BETTER = 0.95, 0.05
 """Share of a scan on surfaces where the robot stood, and cost by which it must fit better there. Chosen: in a
 corridor with doors, wheels that spun by 0.25 to 0.5 m between two scans made it 0.07 to 0.23."""
+_SLIPPED, _SLIP_BETTER = (0.1, 0.1), 0.03
+"""[m], [rad] off where the wheels hold a scan, and cost by which it must fit better, for them to have slipped.
+Chosen: between doors, wheels that told of twice or half of a metre's way made it 0.03 to 0.12 for one scan of three at
+least."""
 _MOST_FACING, _DRAWN = 0.15, (1.0, 6.0)
 """Share of a scan across a direction that people may make up, and normalised error squared of the wheels, as noisy
 as they show, by which they draw a scan aside: with them, and alone. Chosen: of people ahead, who leave a scan
 each 0.05 to 0.1 m where it was, and of five real logs 155 scans of 8157 were asked, one was of people."""
 _CLEAN = 0.08
-"""Cost of a scan alone, beyond which little is said by beams that seem to look through what others met. Chosen: in a
+"""Cost of a scan alone, beyond which, over a short way, little is said by beams that seem to look through what others met. Chosen: in a
 mine, between rough walls, of which half the beams come back, a scan alone costs 0.09 to 0.31; where people draw it
 along, 0.03 to 0.07."""
 _SHORT_M = 0.3
-"""Of the wheels since the last scan; after more, `led` denies people. Chosen: with a scan each metre, wheels off by a
-third of that were believed rather than scans that were right."""
+"""Of the wheels since the last scan; after more, people are asked of where a scan is farther off than wheels are.
+Chosen: with a scan each metre, wheels off by a third of that were believed rather than right scans."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -78,6 +82,11 @@ class Prediction:
         """Whether next to nothing is known of the way since the last scan."""
         P = self.covariance
         return bool(max(P[0, 0], P[1, 1]) > GUESS_M**2 or P[2, 2] > _GUESS_RAD**2)
+
+    @property
+    def way_m(self) -> float:
+        """From there to where the wheels lead."""
+        return apart_m(self.T_last, self.T_map_base)
 
     @property
     def others(self) -> list[SE2]:
@@ -136,11 +145,9 @@ class Candidates:
     ) -> SurfaceMatch | None:
         """The match of faced points (N, 3) where the robot was when a scan looked the same, if its wheels
         spun since: they fit there, and far worse where these lead. None where they did not."""
-        last = self._keyframes[-_KNOWN_FROM:]
-        is_known = len(last) == _KNOWN_FROM and not any(one.is_break for one in last)
-        if led.cost < _STILL_BETTER or told.is_guess or not is_known:
+        if led.cost < _STILL_BETTER or not self._is_known(told):
             return None
-        T_still = self.still.place(beams, told.T_last, apart_m(told.T_last, told.T_map_base))
+        T_still = self.still.place(beams, told.T_last, told.way_m)
         if T_still is None or led.T_map_base.is_near(T_still, *_SPUN):
             return None
         alone = self._alone(points, T_still)
@@ -149,19 +156,39 @@ class Candidates:
             return None
         if alone.cost > led.cost - _STILL_BETTER:
             return None
-        if SeenBefore(self._keyframes, points, beams, self._config).are_people(
-            alone, told.T_map_base
-        ):
+        if self._are_people(points, beams, told, alone):
             return None
-        return self._surfaces.match(points, T_still, told.T_map_base, LITTLE * told.odometry)
+        return self._held_little(points, told, T_still)
+
+    def slipped(
+        self, points: FloatArray, beams: Beams, told: Prediction, led: SurfaceMatch
+    ) -> SurfaceMatch | None:
+        """The match of faced points (N, 3) where they tell alone that they are, against wheels that slipped
+        on part of the way: found from where these lead as from where the robot was, and fitting far better
+        than where the wheels hold the scan. None where they did not."""
+        if led.cost < _STILL_BETTER or led.least_facing > _MOST_FACING or not self._is_known(told):
+            return None
+        alone = self._alone(points, told.T_map_base)
+        is_clean = min(alone.inlier_ratio, alone.seen_ratio) > _STILL_FITS and alone.cost < _CLEAN
+        if not is_clean or alone.cost > led.cost - _SLIP_BETTER:
+            return None
+        is_off = not led.T_map_base.is_near(alone.T_map_base, *_SLIPPED)
+        if not is_off or not told.is_denying(alone, self._config.surely_wrong):
+            return None
+        other = self._alone(points, told.T_last)
+        if not other.T_map_base.is_near(alone.T_map_base, *_STILL):
+            return None
+        if self._are_people(points, beams, told, alone):
+            return None
+        return self._held_little(points, told, alone.T_map_base)
 
     def may_be_people(self, told: Prediction, match: SurfaceMatch) -> bool:
         """Whether it is worth to ask `are_people`: wheels that had spun when scans denied them lead on from
         there, and do not deny the next ones."""
         if match.least_facing > _MOST_FACING:
             return False
-        is_short = apart_m(told.T_last, told.T_map_base) <= _SHORT_M
-        return is_short and told.is_denying(match, _DRAWN[0])
+        is_asked = told.way_m <= _SHORT_M or told.squared(match) > self._config.trust
+        return is_asked and told.is_denying(match, _DRAWN[0])
 
     def are_people(
         self,
@@ -178,7 +205,7 @@ class Candidates:
         alone = self._alone(points, match.T_map_base)
         off = alone.T_map_base.inverse() @ since.T_map_base
         is_turned = math.hypot(off.x, off.y) < abs(off.theta)  # walls tell the heading
-        is_clean = alone.cost < _CLEAN
+        is_clean = alone.cost < _CLEAN or told.way_m > _SHORT_M
         if is_turned or not is_clean or not since.is_denying(alone, _DRAWN[1]):
             return False
         before = SeenBefore(self._keyframes, points, beams, self._config)
@@ -193,6 +220,23 @@ class Candidates:
         way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
         along = np.outer(way, way) / float(way @ since.covariance @ way)
         return self._surfaces.match(points, T, T, along, pull=share)
+
+    def _is_known(self, told: Prediction) -> bool:
+        """Whether the last keyframes know the place, and the wheels something of the way."""
+        last = self._keyframes[-_KNOWN_FROM:]
+        is_known = len(last) == _KNOWN_FROM and not any(one.is_break for one in last)
+        return is_known and not told.is_guess
+
+    def _are_people(
+        self, points: FloatArray, beams: Beams, told: Prediction, alone: SurfaceMatch
+    ) -> bool:
+        """Whether what drew a scan to a match without the wheels walked along."""
+        before = SeenBefore(self._keyframes, points, beams, self._config)
+        return before.are_people(alone, told.T_map_base)
+
+    def _held_little(self, points: FloatArray, told: Prediction, T_start: SE2) -> SurfaceMatch:
+        """The match near a pose, the wheels pulling a little."""
+        return self._surfaces.match(points, T_start, told.T_map_base, LITTLE * told.odometry)
 
     def _alone(self, points: FloatArray, T_start: SE2) -> SurfaceMatch:
         """The match near a pose without the wheels."""

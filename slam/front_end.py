@@ -258,6 +258,8 @@ class FrontEnd:
         good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio
         status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
         stood = self._candidates.stood(points, beams, told, led)
+        if stood is None:
+            stood = self._candidates.slipped(points, beams, told, led)
         if stood is not None:
             match, status = stood, StepStatus.SEARCHED
         elif match.inlier_ratio < max(good, least):

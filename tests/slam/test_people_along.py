@@ -66,6 +66,22 @@ def test_people_who_draw_each_scan_by_less_than_wheels_could_deny(people, sigma_
 
 
 @pytest.mark.parametrize(
+    ("step_m", "sigma_m", "seed"), [(0.7, 0.05, 0), (0.7, 0.05, 1), (1.0, 0.05, 1), (0.7, 0.08, 0)]
+)
+def test_people_who_draw_a_scan_farther_off_than_wheels_are(step_m, sigma_m, seed):
+    # not so far off that nothing else could tell it; 1.3 to 2.8 m off, and two of them good
+    true_m = np.arange(0.0, 14.0, step_m)
+    told_m = np.full(len(true_m), step_m)
+    told_m[0] = 0.0
+    slam_map, off_m = mapped(
+        true_m, told_m, sigma_m,
+        lambda x: np.concatenate([WALLS, *([person(5.5 + 0.6 * (x - 4.0), 0.3)] if x > 4.0 else [])]),
+        seed=seed,
+    )  # fmt: skip
+    assert off_m < 0.35, slam_map.verdict
+
+
+@pytest.mark.parametrize(
     ("sigma_m", "gone_m", "is_led"), [(0.01, 0.5, True), (0.3, 0.5, False), (0.01, 0.0, False)]
 )
 def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_people(
@@ -239,7 +255,8 @@ class Alone(SurfaceMap):
         (SE2(0.19, 0.0, 0.0), 0.04, 0.1, 0.2, False),  # by no more than noise
         (SE2(0.19, 0.0, 0.1), 0.04, 0.1, 0.2, False),  # a turn, which walls tell
         (SE2(0.1, 0.0, 0.0), 0.12, 0.1, 0.2, False),  # rough walls, as of a mine
-        (SE2(0.1, 0.0, 0.0), 0.04, 0.5, 0.2, False),  # a long step, which wheels deny by itself
+        (SE2(0.1, 0.0, 0.0), 0.04, 0.5, 0.2, False),  # a long step, no farther off than wheels are
+        (SE2(0.1, 0.0, 0.0), 0.12, 0.5, 0.3, True),
         # wheels that had spun, and were denied then: where somebody crosses they led all of it farther
         (SE2(0.1, 0.0, 0.0), 0.04, 0.1, 0.17, False),
     ],

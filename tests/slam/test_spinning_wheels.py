@@ -35,6 +35,34 @@ def test_wheels_that_spin_between_doors_are_told_by_scans_that_look_the_same(
     assert off_m < 0.3, slam_map.verdict
 
 
+@pytest.mark.parametrize(
+    ("step_m", "factor", "beams", "range_m"),
+    [
+        (0.25, 2.0, 361, 8.0),
+        (0.5, 2.0, 361, 8.0),
+        (0.1, 2.0, 361, 8.0),
+        (0.25, 2.0, 181, 8.0),
+        (0.25, 2.0, 361, 4.0),
+        (0.25, 0.4, 361, 8.0),
+    ],
+)
+@pytest.mark.parametrize("at_m", [3.5, 8.0])
+def test_wheels_that_slip_on_part_of_the_way_are_told_by_edges_that_fit_in_one_place(
+    step_m, factor, beams, range_m, at_m
+):
+    # a metre of it, told as sure to 1 %, held edges of a hand's breadth to be outliers: 0.4 to 1 m off and good
+    true_m = np.arange(0.0, 14.0, step_m)
+    told_m = np.full(len(true_m), step_m)
+    told_m[0] = 0.0
+    slips = round(at_m / step_m)
+    told_m[slips : slips + round(1.0 / step_m)] *= factor
+    angles_rad = np.radians(np.linspace(-135.0, 135.0, beams))
+    slam_map, off_m = mapped(
+        true_m, told_m, 0.01, lambda _: DOORS, angles_rad=angles_rad, range_m=range_m
+    )
+    assert off_m < 0.3, slam_map.verdict
+
+
 @pytest.mark.parametrize(("step_m", "beams"), [(0.25, 361), (0.25, 181), (0.5, 361)])
 @pytest.mark.parametrize("seed", range(4))
 def test_pillars_that_look_the_same_do_not_hold_a_robot_back(step_m, beams, seed):
@@ -124,6 +152,72 @@ def test_where_the_robot_stood_it_is_if_a_scan_fits_there_and_far_worse_where_it
 )
 def test_else_it_is_where_the_wheels_lead(said):
     assert stood(**said) is None
+
+
+class Ways(SurfaceMap):
+    """Of which a scan without wheels matches elsewhere from where these lead and from where it was."""
+
+    def __init__(self, by_wheels: SurfaceMatch, by_last: SurfaceMatch) -> None:
+        super().__init__()
+        self.by_wheels, self.by_last = by_wheels, by_last
+
+    def match(self, points_base, T_start, T_predicted, odometry, *_):
+        if not odometry.any():
+            return self.by_last if T_start == SE2.identity() else self.by_wheels
+        assert T_start == self.by_wheels.T_map_base
+        return at(T_start.x + 0.01)
+
+
+HALF_WAY, HELD = at(0.25), replace(LED, T_map_base=SE2(0.48, 0.0, 0.0))
+
+
+def slipped(
+    by_wheels: SurfaceMatch = HALF_WAY,
+    by_last: SurfaceMatch = HALF_WAY,
+    led: SurfaceMatch = HELD,
+    sigma_m: float = 0.01,
+    keyframes: list[Keyframe] | None = None,
+) -> SurfaceMatch | None:
+    """Of a robot whose wheels led half a metre ahead of the origin."""
+    rng = np.random.default_rng(1)
+    known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
+    keyframes = known if keyframes is None else keyframes
+    candidates = Candidates(Ways(by_wheels, by_last), keyframes, FrontEndConfig())
+    scan = scan_of(DOORS, SE2(0.25, 0.0, 0.0), rng, 0.0, ANGLES_RAD, 8.0)
+    P = sigma_m**2 * np.eye(3)
+    T_wheels = SE2(0.5, 0.0, 0.0)
+    told = Prediction(SE2.identity(), T_wheels, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    return candidates.slipped(POINTS, Beams.of(scan, SE2.identity()), told, led)
+
+
+def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between():
+    found = slipped()
+    assert found is not None
+    assert found.T_map_base == SE2(0.26, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"by_last": at(0.19)},  # as pillars alike: here from there, and there from here
+        {"by_wheels": at(0.25, 0.94)},
+        {"by_wheels": at(0.25, seen=0.94)},
+        {"by_wheels": at(0.25, cost=0.081)},
+        {"led": at(0.48, 1.0, 0.069)},
+        {"led": at(0.34, 0.9, 0.2)},  # hardly held aside
+        {"led": replace(HELD, information=np.diag([1.0, 1.0, 1.0]))},  # that sees what is ahead
+        {"sigma_m": 0.04},  # wheels that may be so far off
+        {"keyframes": []},
+        {"keyframes": broken(4)},
+    ],
+)
+def test_else_wheels_did_not_slip(said):
+    assert slipped(**said) is None
+
+
+def test_people_who_walk_along_are_no_slip(monkeypatch):
+    monkeypatch.setattr(SeenBefore, "are_people", lambda *_: True)
+    assert slipped() is None
 
 
 def test_pieces_begun_before_the_last_keyframes_say_nothing_of_it():
