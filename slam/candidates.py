@@ -47,9 +47,9 @@ _MOST_FACING, _DRAWN = 0.15, (1.0, 6.0)
 as they show, by which they draw a scan aside: with them, and alone. Chosen: of people ahead, who leave a scan
 each 0.05 to 0.1 m where it was, and of five real logs 155 scans of 8157 were asked, one was of people."""
 _CLEAN = 0.08
-"""Cost of a scan alone, beyond which, over a short way, little is said by beams that seem to look through what others met. Chosen: in a
-mine, between rough walls, of which half the beams come back, a scan alone costs 0.09 to 0.31; where people draw it
-along, 0.03 to 0.07."""
+"""Cost of a scan alone, beyond which, over a short way, little is said by beams that seem to look through what
+others met. Chosen: in a mine, between rough walls, of which half the beams come back, a scan alone costs 0.09 to
+0.31; where people draw it along, 0.03 to 0.07."""
 _SHORT_M = 0.3
 """Of the wheels since the last scan; after more, people are asked of where a scan is farther off than wheels are.
 Chosen: with a scan each metre, wheels off by a third of that were believed rather than right scans."""
@@ -208,8 +208,7 @@ class Candidates:
         is_clean = alone.cost < _CLEAN or told.way_m > _SHORT_M
         if is_turned or not is_clean or not since.is_denying(alone, _DRAWN[1]):
             return False
-        before = SeenBefore(self._keyframes, points, beams, self._config)
-        return before.are_people(alone, since.T_map_base)
+        return self._are_people(points, beams, since, alone)
 
     def held_along(
         self, points: FloatArray, since: Prediction, match: SurfaceMatch
