@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.candidates import Candidates, Prediction
+from slam.candidates import Candidates
 from slam.constant_velocity import ConstantVelocity, coasting_covariance
 from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.frozen_laser import FrozenLaser
@@ -22,7 +22,10 @@ from slam.measurements import Measurement
 from slam.open_matches import is_one_place
 from slam.open_runs import OpenRun
 from slam.pauses import Pauses
+from slam.people_along import PeopleAlong
+from slam.prediction import Prediction
 from slam.se2 import SE2
+from slam.slipped_wheels import SlippedWheels
 from slam.straightening import Straightener
 from slam.strays import ToldStep, apart_m, told_step
 from slam.surface_map import SurfaceMatch, faced
@@ -45,7 +48,9 @@ class FrontEnd:
         self.T_map_base = SE2.identity()
         self.ties: list[Loop] = []
         self._window = SurfaceWindow(self.config.window, self.config.surfaces)
-        self._candidates = Candidates(self._window.surfaces, self.keyframes, self.config)
+        known = self._window.surfaces, self.keyframes, self.config
+        self._candidates, self._people = Candidates(*known), PeopleAlong(*known)
+        self._slipped_wheels = SlippedWheels(*known)
         self._open_run = OpenRun(self.config)
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
@@ -102,10 +107,10 @@ class FrontEnd:
             self._open_run.take(len(self.keyframes) - 1, is_open)
         if match is None or tied is not None:  # that moved the scan before as well
             self._velocity.stop()
-            self._candidates.still.forget()
+            self._slipped_wheels.still.forget()
         else:
             self._velocity.take(told.T_last.inverse() @ self.T_map_base, self._elapsed_s)
-            self._candidates.still.take(beams, self.T_map_base)
+            self._slipped_wheels.still.take(beams, self.T_map_base)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
         if match is not None and not is_new:
@@ -137,9 +142,7 @@ class FrontEnd:
     ) -> tuple[SurfaceMatch | None, StepStatus, float]:
         """The match of a scan to be believed, if there is one, and what it looks through there."""
         match, status = self._placed(measurement, points, beams, told)
-        passed_ratio = (
-            self._candidates.passed(match.T_map_base, beams) if match is not None else 0.0
-        )
+        passed_ratio = self._candidates.passed(match.T_map_base, beams) if match else 0.0
         if passed_ratio > self.config.most_passed:
             match, status = None, StepStatus.BROKEN
         if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
@@ -152,17 +155,14 @@ class FrontEnd:
         """A prediction and a match with faced points (N, 3) that people drew aside, who walked along since
         the last keyframe: where the wheels lead from there. They drew aside scans since as well, each by
         too little to be denied."""
-        if told.is_guess or not (self.keyframes and self._candidates.may_be_people(told, match)):
+        if told.is_guess or not (self.keyframes and self._people.may_be(told, match)):
             return told, match
-        T_map_base = self.keyframes[-1].T_map_base @ self._told.motion
         P = self._told.covariance
-        since = replace(
-            told, T_map_base=T_map_base, covariance=P, odometry=inverse_of(P), are_people=True
-        )
-        if since.is_guess or not self._candidates.are_people(points, beams, told, since, match):
+        since = told.without_people(self.keyframes[-1].T_map_base, self._told.motion, P)
+        if since.is_guess or not self._people.have_drawn(points, beams, told, since, match):
             return told, match
         self._P = P
-        return since, self._candidates.held_along(points, since, match)
+        return since, self._people.held_along(points, since, match)
 
     def _by_wheels(self, told: Prediction, status: StepStatus) -> ToldStep:
         """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,
@@ -257,11 +257,9 @@ class FrontEnd:
         least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
         good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio
         status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
-        stood = self._candidates.stood(points, beams, told, led)
-        if stood is None:
-            stood = self._candidates.slipped(points, beams, told, led)
-        if stood is not None:
-            match, status = stood, StepStatus.SEARCHED
+        against = self._slipped_wheels.against(points, beams, told, led)
+        if against is not None:
+            match, status = against, StepStatus.SEARCHED
         elif match.inlier_ratio < max(good, least):
             usual = None if told.is_coasting else self._velocity.motion(self._elapsed_s)
             best = self._candidates.around(points, told, usual)

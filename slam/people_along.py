@@ -14,6 +14,7 @@ from slam.beams import Beams
 from slam.front_end_config import FrontEndConfig
 from slam.kernels.visibility import contradictions
 from slam.keyframes import Keyframe
+from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMatch, moved
 
@@ -37,6 +38,17 @@ _ASIDE_M = 0.05
 _SURE = 0.9
 """Of the farthest that a laser returned: up to there, beams that came back from nowhere looked through what
 is there now. Chosen: walls that have just come into reach are no people."""
+MOST_FACING, _DRAWN = 0.15, (1.0, 6.0)
+"""Share of a scan across a direction that people may make up, and normalised error squared of the wheels, as noisy
+as they show, by which they draw a scan aside: with them, and alone. Chosen: of people ahead, who leave a scan
+each 0.05 to 0.1 m where it was, and of five real logs 155 scans of 8157 were asked, one was of people."""
+CLEAN = 0.08
+"""Cost of a scan alone, beyond which, over a short way, little is said by beams that seem to look through what
+others met. Chosen: in a mine, between rough walls, of which half the beams come back, a scan alone costs 0.09 to
+0.31; where people draw it along, 0.03 to 0.07."""
+_SHORT_M = 0.3
+"""Of the wheels since the last scan; after more, people are asked of where a scan is farther off than wheels are.
+Chosen: with a scan each metre, wheels off by a third of that were believed rather than right scans."""
 
 
 class SeenBefore:
@@ -60,8 +72,8 @@ class SeenBefore:
         and nothing that they saw says that it lies there rather than where the wheels lead."""
         if not self._is_looked_through(self._last, match):
             return False
-        T, nothing = match.T_map_base, np.zeros((3, 3))
-        seen = self._surfaces.match(self._points, T, T, nothing)
+        T = match.T_map_base
+        seen = self._surfaces.match_alone(self._points, T)
         if seen.least_facing < self._config.least_facing:
             return True
         off_m = _apart(seen.T_map_base, T)
@@ -112,6 +124,54 @@ class SeenBefore:
         for keyframe in self._before:
             surfaces.add(moved(keyframe.T_map_base, keyframe.faced))
         return surfaces
+
+
+class PeopleAlong:
+    """Scans that people draw aside of where the wheels lead, who walk along with the robot."""
+
+    def __init__(
+        self, surfaces: SurfaceMap, keyframes: Sequence[Keyframe], config: FrontEndConfig
+    ) -> None:
+        self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
+
+    def may_be(self, told: Prediction, match: SurfaceMatch) -> bool:
+        """Whether it is worth to ask `have_drawn`: wheels that had spun when scans denied them lead on from
+        there, and do not deny the next ones."""
+        if match.least_facing > MOST_FACING:
+            return False
+        is_asked = told.way_m <= _SHORT_M or told.squared(match) > self._config.trust
+        return is_asked and told.is_denying(match, _DRAWN[0])
+
+    def have_drawn(
+        self,
+        points: FloatArray,
+        beams: Beams,
+        told: Prediction,
+        since: Prediction,
+        match: SurfaceMatch,
+    ) -> bool:
+        """Whether people who walked along drew a match of faced points (N, 3) aside of where the wheels led
+        since the last keyframe, and since the last scan: told."""
+        if not (self.may_be(told, match) and since.is_denying(match, _DRAWN[0])):
+            return False
+        alone = self._surfaces.match_alone(points, match.T_map_base)
+        off = alone.T_map_base.inverse() @ since.T_map_base
+        is_turned = math.hypot(off.x, off.y) < abs(off.theta)  # walls tell the heading
+        is_clean = alone.cost < CLEAN or told.way_m > _SHORT_M
+        if is_turned or not is_clean or not since.is_denying(alone, _DRAWN[1]):
+            return False
+        before = SeenBefore(self._keyframes, points, beams, self._config)
+        return before.are_people(alone, since.T_map_base)
+
+    def held_along(
+        self, points: FloatArray, since: Prediction, match: SurfaceMatch
+    ) -> SurfaceMatch:
+        """As `held`, but only along the way that people drew a match aside: walls tell the rest."""
+        T, share = since.T_map_base, self._config.surfaces.share
+        off = T.inverse() @ self._surfaces.match_alone(points, match.T_map_base).T_map_base
+        way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
+        along = np.outer(way, way) / float(way @ since.covariance @ way)
+        return self._surfaces.match(points, T, T, along, pull=share)
 
 
 def _apart(one: SE2, other: SE2) -> float:

@@ -250,6 +250,10 @@ class SurfaceMap:
             (stats[matching.COST] + len(points) - seen) / count, pull / config.share,
         )  # fmt: skip
 
+    def match_alone(self, points_base: FloatArray, T_start: SE2) -> SurfaceMatch:
+        """The match of faced points (N, 3) near T_start that odometry tells nothing of."""
+        return self.match(points_base, T_start, T_start, np.zeros((3, 3)))
+
     def searched(
         self,
         points_base: FloatArray,

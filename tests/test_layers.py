@@ -113,6 +113,8 @@ RANKS = (
         "open_matches",
         "candidates",
         "people_along",
+        "prediction",
+        "slipped_wheels",
         "still_scans",
         "loose_runs",
         "looseness",

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from slam.candidates import Candidates, Prediction
+from slam.candidates import Candidates
 from slam.front_end_config import FrontEndConfig
+from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMatch
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.candidates import Prediction
 from slam.front_end import FrontEnd
 from slam.keyframes import StepStatus
 from slam.measurements import Measurement
+from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, faced
 from tests.slam import ring

@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slam.candidates import Prediction
 from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import StepStatus
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.open_matches import closed_match, is_one_place
+from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMatch, faced
 from tests.slam.synthetic import box, room, scan_of

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.candidates import Candidates, Prediction
+from slam.candidates import Candidates
 from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import Keyframe
 from slam.measurements import Measurement
-from slam.people_along import SeenBefore
+from slam.people_along import PeopleAlong, SeenBefore
+from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMatch, faced
 from tests.slam.corridors import ANGLES_RAD, ROOM, WALLS, mapped, person, spun
@@ -270,8 +271,8 @@ def test_people_who_draw_scans_little_by_little(
     told = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     since = replace(told, T_map_base=SE2(0.2, 0.0, 0.0))
     match = Alone(SE2(0.17, 0.0, 0.0)).match(None, led)
-    asked = Candidates(Alone(alone, cost), [], CONFIG)
-    assert asked.are_people(np.zeros((0, 3)), None, told, since, match) is are_people
+    asked = PeopleAlong(Alone(alone, cost), [], CONFIG)
+    assert asked.have_drawn(np.zeros((0, 3)), None, told, since, match) is are_people
 
 
 def test_walls_tell_what_lies_across_the_way_that_people_drew_a_scan_aside():
@@ -284,7 +285,7 @@ def test_walls_tell_what_lies_across_the_way_that_people_drew_a_scan_aside():
     led, P = SE2(0.3, 0.1, 0.1), 0.01**2 * np.eye(3)
     since = Prediction(SE2.identity(), led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     drawn = Alone(SE2.identity()).match(None, led)
-    held = Candidates(surfaces, [], CONFIG).held_along(points, since, drawn)
+    held = PeopleAlong(surfaces, [], CONFIG).held_along(points, since, drawn)
     assert held.T_map_base.is_near(SE2(0.3, 0.0, 0.0), 0.05, 0.02)
 
 
@@ -323,9 +324,9 @@ def test_where_people_drew_scans_the_wheels_lead_from_the_last_keyframe(
     asked = []
     # people at the third scan
     monkeypatch.setattr(
-        Candidates, "are_people", lambda *args: bool(asked.append(args) or len(asked) == 2)
+        PeopleAlong, "have_drawn", lambda *args: bool(asked.append(args) or len(asked) == 2)
     )
-    monkeypatch.setattr(Candidates, "may_be_people", lambda *_: True)
+    monkeypatch.setattr(PeopleAlong, "may_be", lambda *_: True)
     learnt = []
     monkeypatch.setattr(FrontEnd, "_learn_scale", lambda *args: learnt.append(args))
     for k in range(3):

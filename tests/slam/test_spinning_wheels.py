@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.candidates import Candidates, Prediction
 from slam.front_end import FrontEnd
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import Keyframe, StepStatus
 from slam.measurements import Measurement
 from slam.people_along import SeenBefore
+from slam.prediction import Prediction
 from slam.se2 import SE2
+from slam.slipped_wheels import SlippedWheels
 from slam.surface_map import SurfaceMap, SurfaceMatch
 from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, mapped, spun
 from tests.slam.synthetic import scan_of
@@ -89,14 +90,15 @@ STANDS, LED = at(0.0), at(0.5, 0.9, 0.2)
 
 
 class Surfaces(SurfaceMap):
-    """Of which a scan matches where it is said to; with the wheels pulling a little, a centimetre on."""
+    """Of which a scan matches where it is said to, and nowhere else; with the wheels pulling a little, a centimetre on."""
 
     def __init__(self, alone: SurfaceMatch) -> None:
         super().__init__()
         self.alone = alone
 
     def match(self, points_base, T_start, T_predicted, odometry, *_):
-        assert T_start == SE2.identity()
+        if T_start != self.alone.T_map_base and T_start != SE2.identity():
+            return at(T_start.x, 0.5, 1.0)
         return self.alone if not odometry.any() else at(0.01)
 
 
@@ -108,18 +110,30 @@ def stood(
     keyframes: list[Keyframe] | None = None,
 ) -> SurfaceMatch | None:
     """Of a robot that was at the origin when a scan looked the same."""
+    return against(Surfaces(alone), led, wheels_m, 0.0, sigma_m, keyframes)
+
+
+def against(
+    surfaces: SurfaceMap,
+    led: SurfaceMatch,
+    wheels_m: float,
+    true_m: float,
+    sigma_m: float,
+    keyframes: list[Keyframe] | None,
+) -> SurfaceMatch | None:
+    """Of a robot at the origin, known from keyframes, that wheels lead ahead from there."""
     rng = np.random.default_rng(1)
     known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
-    candidates = Candidates(
-        Surfaces(alone), known if keyframes is None else keyframes, FrontEndConfig()
+    keyframes = known if keyframes is None else keyframes
+    wheels = SlippedWheels(surfaces, keyframes, FrontEndConfig())
+    last, beams = (
+        Beams.of(scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.0, ANGLES_RAD, 8.0), SE2.identity())
+        for x in (0.0, true_m)
     )
-    scan = scan_of(DOORS, SE2.identity(), rng, 0.0, ANGLES_RAD, 8.0)
-    beams = Beams.of(scan, SE2.identity())
-    candidates.still.take(beams, SE2.identity())
-    P = sigma_m**2 * np.eye(3)
-    T_wheels = SE2(wheels_m, 0.0, 0.0)
+    wheels.still.take(last, SE2.identity())
+    P, T_wheels = sigma_m**2 * np.eye(3), SE2(wheels_m, 0.0, 0.0)
     told = Prediction(SE2.identity(), T_wheels, P, np.linalg.inv(P), 1.0, is_coasting=False)
-    return candidates.stood(POINTS, beams, told, led)
+    return wheels.against(POINTS, beams, told, led)
 
 
 def broken(last: int) -> list[Keyframe]:
@@ -178,16 +192,8 @@ def slipped(
     sigma_m: float = 0.01,
     keyframes: list[Keyframe] | None = None,
 ) -> SurfaceMatch | None:
-    """Of a robot whose wheels led half a metre ahead of the origin."""
-    rng = np.random.default_rng(1)
-    known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
-    keyframes = known if keyframes is None else keyframes
-    candidates = Candidates(Ways(by_wheels, by_last), keyframes, FrontEndConfig())
-    scan = scan_of(DOORS, SE2(0.25, 0.0, 0.0), rng, 0.0, ANGLES_RAD, 8.0)
-    P = sigma_m**2 * np.eye(3)
-    T_wheels = SE2(0.5, 0.0, 0.0)
-    told = Prediction(SE2.identity(), T_wheels, P, np.linalg.inv(P), 1.0, is_coasting=False)
-    return candidates.slipped(POINTS, Beams.of(scan, SE2.identity()), told, led)
+    """Of a robot whose wheels led half a metre ahead, twice as far as it went."""
+    return against(Ways(by_wheels, by_last), led, 0.5, 0.25, sigma_m, keyframes)
 
 
 def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between():
@@ -245,7 +251,7 @@ def test_poses_are_noted_where_scans_were_placed_and_forgotten_where_none_was():
         scan = scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
         told = SE2(0.27 if k else 0.0, 0.0, 0.0)  # too far
         front_end.update(Measurement(0.2 * k, told, scan, np.diag([1e-3] * 3)))
-    still, beams = front_end._candidates.still, Beams.of(scan, SE2.identity())
+    still, beams = front_end._slipped_wheels.still, Beams.of(scan, SE2.identity())
     assert still.place(beams, front_end.T_map_base, 0.0) == front_end.T_map_base
     nothing = replace(scan, ranges_m=np.full_like(scan.ranges_m, np.inf))
     front_end.update(Measurement(0.6, SE2.identity(), nothing, np.diag([1e-3] * 3)))
