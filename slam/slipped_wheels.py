@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+
+import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
@@ -27,6 +30,12 @@ _SLIPPED, _SLIP_BETTER = (0.1, 0.1), 0.03
 """[m], [rad] off where the wheels hold a scan, and cost by which it must fit better, for them to have slipped.
 Chosen: between doors, wheels that told of twice or half of a metre's way made it 0.03 to 0.12 for one scan of three at
 least."""
+_BACK_M = 0.1
+"""Behind the last pose, seen along the wheels' way, where no wheels that slipped on a part of it can be. Chosen."""
+_NO_WAY_M = 0.02
+"""Wheels that tell of less, of a robot that moved, did not slip: they tell of it at the next scan. Chosen."""
+_FACING, _THING_M = 0.7, 0.75
+"""Cosine to the way of what faces it, and how far about its middle a thing reaches, as a cart or two people. Chosen."""
 
 
 class SlippedWheels:
@@ -37,15 +46,19 @@ class SlippedWheels:
     ) -> None:
         self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
         self.still = StillScans()
+        self._is_late = False
 
     def against(
         self, points: FloatArray, beams: Beams, told: Prediction, led: SurfaceMatch
     ) -> SurfaceMatch | None:
         """The match of faced points (N, 3) against wheels that spun or slipped since the last scan, which
         pull a little. None where they did not, or nobody can tell. led: the match where they lead."""
+        was_late, self._is_late = self._is_late, told.way_m < _NO_WAY_M
         if led.cost < _STILL_BETTER or not self._is_known(told):
             return None
-        alone = self._stood(points, beams, told, led) or self._slipped(points, told, led)
+        alone = self._stood(points, beams, told, led)
+        if alone is None and not (was_late or self._is_late):
+            alone = self._slipped(points, told, led)
         if alone is None:
             return None
         before = SeenBefore(self._keyframes, points, beams, self._config)
@@ -78,10 +91,29 @@ class SlippedWheels:
         if not is_clean or alone.cost > led.cost - _SLIP_BETTER:
             return None
         is_off = not led.T_map_base.is_near(alone.T_map_base, *_SLIPPED)
-        if not is_off or not told.is_denying(alone, self._config.surely_wrong):
+        is_told = alone.least_facing >= self._config.least_facing
+        if not (is_off and is_told and told.is_denying(alone, self._config.surely_wrong)):
+            return None
+        if told.way_to(alone.T_map_base) < -_BACK_M:
             return None
         other = self._surfaces.match_alone(points, told.T_last)
-        return alone if other.T_map_base.is_near(alone.T_map_base, *_STILL) else None
+        is_one = other.T_map_base.is_near(alone.T_map_base, *_STILL)
+        return alone if is_one and self._is_told_by_more(points, alone, led) else None
+
+    def _is_told_by_more(self, points: FloatArray, alone: SurfaceMatch, led: SurfaceMatch) -> bool:
+        """Whether a scan lies there as well without the one thing that most of what faces the way is of: that
+        may have stood until now."""
+        off = alone.T_map_base.inverse() @ led.T_map_base
+        facing = np.cos(points[:, 2] - math.atan2(off.y, off.x))
+        across = points[np.abs(facing) > _FACING, :2]
+        if len(across) == 0:
+            return False
+        apart_m = np.hypot(*(across[:, None] - across).T)
+        thing = across[np.argmax((apart_m < _THING_M).sum(axis=0))]
+        rest = points[np.hypot(*(points[:, :2] - thing).T) > _THING_M]
+        again = self._surfaces.match_alone(rest, led.T_map_base)
+        is_told = again.least_facing >= self._config.least_facing
+        return is_told and again.T_map_base.is_near(alone.T_map_base, *_STILL)
 
     def _is_known(self, told: Prediction) -> bool:
         """Whether the last keyframes know the place, and the wheels something of the way."""

@@ -1,5 +1,6 @@
 """Wheels that spin while the robot stands: a scan looks as one shortly before did."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +15,9 @@ from slam.people_along import SeenBefore
 from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.slipped_wheels import SlippedWheels
-from slam.surface_map import SurfaceMap, SurfaceMatch
-from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, mapped, spun
-from tests.slam.synthetic import scan_of
+from slam.surface_map import SurfaceMap, SurfaceMatch, faced
+from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, ROOM, WALLS, mapped, spun
+from tests.slam.synthetic import box, scan_of
 from tests.slam.test_open_runs import kept
 
 POINTS = np.zeros((0, 3))
@@ -62,6 +63,30 @@ def test_wheels_that_slip_on_part_of_the_way_are_told_by_edges_that_fit_in_one_p
         true_m, told_m, 0.01, lambda _: DOORS, angles_rad=angles_rad, range_m=range_m
     )
     assert off_m < 0.3, slam_map.verdict
+
+
+@pytest.mark.parametrize("sigma_m", [0.01, 0.03])
+def test_walls_that_tell_nothing_of_the_way_do_not_put_a_robot_back(sigma_m):
+    # with wheels that are right, where the laser sees 4 m: back to where they were known better, by 2 m
+    true_m = np.arange(0.0, 14.0)
+    told_m = np.append(0.0, np.diff(true_m))
+    angles_rad = np.radians(np.linspace(-135.0, 135.0, 181))
+    _, off_m = mapped(true_m, told_m, sigma_m, lambda _: WALLS, angles_rad=angles_rad, range_m=4.0)
+    assert off_m < 0.3
+
+
+def test_one_thing_that_begins_to_move_does_not_take_the_robot_along():
+    # a cart in a room that had stood until then: 3 m off
+    true_m = np.arange(0.0, 14.0, 0.3)
+    told_m = np.append(0.0, np.diff(true_m))
+
+    def with_cart(x: float) -> np.ndarray:
+        cart_m = 5.0 + 1.15 * max(0.0, x - 4.0)
+        return np.concatenate([ROOM, box(cart_m - 0.3, -0.2, cart_m + 0.3, 0.4)])
+
+    angles_rad = np.radians(np.linspace(-135.0, 135.0, 181))
+    _, off_m = mapped(true_m, told_m, 0.01, with_cart, angles_rad=angles_rad, range_m=4.0)
+    assert off_m < 0.3
 
 
 @pytest.mark.parametrize(("step_m", "beams"), [(0.25, 361), (0.25, 181), (0.5, 361)])
@@ -120,8 +145,12 @@ def against(
     true_m: float,
     sigma_m: float,
     keyframes: list[Keyframe] | None,
+    points: np.ndarray | None = None,
+    noise: float = 1.0,
+    before_m: float = 0.1,
 ) -> SurfaceMatch | None:
-    """Of a robot at the origin, known from keyframes, that wheels lead ahead from there."""
+    """Of a robot at the origin, known from keyframes, that wheels lead ahead from there; the scan before
+    they told of so much."""
     rng = np.random.default_rng(1)
     known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
     keyframes = known if keyframes is None else keyframes
@@ -131,9 +160,14 @@ def against(
         for x in (0.0, true_m)
     )
     wheels.still.take(last, SE2.identity())
-    P, T_wheels = sigma_m**2 * np.eye(3), SE2(wheels_m, 0.0, 0.0)
-    told = Prediction(SE2.identity(), T_wheels, P, np.linalg.inv(P), 1.0, is_coasting=False)
-    return wheels.against(POINTS, beams, told, led)
+    P = sigma_m**2 * np.eye(3)
+    before, told = (
+        Prediction(SE2.identity(), SE2(m, 0.0, 0.0), P, np.linalg.inv(P), noise, is_coasting=False)
+        for m in (before_m, wheels_m)
+    )
+    wheels.against(POINTS, beams, before, at(before_m, cost=0.0))
+    points = faced(beams.points, np.zeros(2)) if points is None else points
+    return wheels.against(points, beams, told, led)
 
 
 def broken(last: int) -> list[Keyframe]:
@@ -169,35 +203,58 @@ def test_else_it_is_where_the_wheels_lead(said):
 
 
 class Ways(SurfaceMap):
-    """Of which a scan without wheels matches elsewhere from where these lead and from where it was."""
+    """Of which a scan without wheels matches elsewhere from where these lead and from where it was, and a
+    part of it elsewhere again."""
 
-    def __init__(self, by_wheels: SurfaceMatch, by_last: SurfaceMatch) -> None:
+    def __init__(
+        self, by_wheels: SurfaceMatch, by_last: SurfaceMatch, by_rest: SurfaceMatch
+    ) -> None:
         super().__init__()
-        self.by_wheels, self.by_last = by_wheels, by_last
+        self.by_wheels, self.by_last, self.by_rest = by_wheels, by_last, by_rest
+        self.all = 0
 
     def match(self, points_base, T_start, T_predicted, odometry, *_):
+        self.all = max(self.all, len(points_base))
+        if not odometry.any() and len(points_base) < self.all:
+            return self.by_rest
         if not odometry.any():
             return self.by_last if T_start == SE2.identity() else self.by_wheels
         assert T_start == self.by_wheels.T_map_base
         return at(T_start.x + 0.01)
 
 
-HALF_WAY, HELD = at(0.25), replace(LED, T_map_base=SE2(0.48, 0.0, 0.0))
+def telling(x_m: float, across: float = 0.1, theta: float = 0.0, **said: float) -> SurfaceMatch:
+    """A match of which so much of a scan tells how far ahead it lies."""
+    found = replace(at(x_m, **said), information=np.diag([across, 1.0, 1.0]))
+    return replace(found, T_map_base=SE2(x_m, 0.0, theta))
+
+
+HALF_WAY, HELD = telling(0.25), replace(LED, T_map_base=SE2(0.48, 0.0, 0.0))
+WALL = np.array([[1.0, 1.0, -math.pi / 2.0]])
 
 
 def slipped(
     by_wheels: SurfaceMatch = HALF_WAY,
     by_last: SurfaceMatch = HALF_WAY,
-    led: SurfaceMatch = HELD,
-    sigma_m: float = 0.01,
-    keyframes: list[Keyframe] | None = None,
+    by_rest: SurfaceMatch = HALF_WAY,
+    points: np.ndarray | None = None,
+    **said,
 ) -> SurfaceMatch | None:
     """Of a robot whose wheels led half a metre ahead, twice as far as it went."""
-    return against(Ways(by_wheels, by_last), led, 0.5, 0.25, sigma_m, keyframes)
+    said = {
+        "led": HELD,
+        "wheels_m": 0.5,
+        "sigma_m": 0.01,
+        "keyframes": None,
+        "true_m": 0.25,
+        **said,
+    }
+    return against(Ways(by_wheels, by_last, by_rest), points=points, **said)
 
 
-def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between():
-    found = slipped()
+@pytest.mark.parametrize("held", [HELD, replace(HELD, T_map_base=SE2(0.27, 0.0, 0.12))])
+def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between(held):
+    found = slipped(led=held)
     assert found is not None
     assert found.T_map_base == SE2(0.26, 0.0, 0.0)
 
@@ -205,14 +262,25 @@ def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between():
 @pytest.mark.parametrize(
     "said",
     [
-        {"by_last": at(0.19)},  # as pillars alike: here from there, and there from here
-        {"by_wheels": at(0.25, 0.94)},
-        {"by_wheels": at(0.25, seen=0.94)},
-        {"by_wheels": at(0.25, cost=0.081)},
+        {"by_last": telling(0.19)},  # as pillars alike: here from there, and there from here
+        {"by_last": telling(0.25, theta=0.03)},
+        {"by_wheels": telling(0.25, inlier_ratio=0.94)},
+        {"by_wheels": telling(0.25, seen=0.94)},
+        {"by_wheels": telling(0.25, cost=0.081)},
+        {"by_wheels": telling(0.25, across=0.002)},  # bare walls tell nothing of the way
+        {**dict.fromkeys(("by_wheels", "by_last", "by_rest"), telling(-0.2)), "true_m": -0.2},
+        {"by_rest": telling(0.19)},  # one thing, that had stood until now
+        {"by_rest": telling(0.25, across=0.002)},
+        {"points": WALL},
         {"led": at(0.48, 1.0, 0.069)},
+        {"led": at(0.48, 1.0, 0.049), "by_wheels": telling(0.25, cost=0.01)},
         {"led": at(0.34, 0.9, 0.2)},  # hardly held aside
+        {"led": replace(HELD, T_map_base=SE2(0.34, 0.0, 0.08))},
         {"led": replace(HELD, information=np.diag([1.0, 1.0, 1.0]))},  # that sees what is ahead
         {"sigma_m": 0.04},  # wheels that may be so far off
+        {"noise": 12.0},  # and that show it
+        {"wheels_m": 0.015},  # that will tell of it at the next scan
+        {"before_m": 0.015},  # or have told of none before
         {"keyframes": []},
         {"keyframes": broken(4)},
     ],
