@@ -55,6 +55,21 @@ def test_scan_that_jumps_fails_the_map(jump_m, back_m):
     assert "m in 0.30 s" in said
 
 
+@pytest.mark.parametrize(
+    ("usual_m", "back_m", "is_jump"),
+    [
+        (0.5, -0.6, True),
+        (0.5, -0.4, False),
+        (0.2, -0.23, False),
+    ],  # and those by which a right map may be off
+)
+def test_who_drives_does_not_turn_back_for_a_step_and_on_again(usual_m, back_m, is_jump):
+    # of a real log without wheels, played backwards: a metre ahead at once, 1.4 m off and good
+    step_m = np.full(COUNT, usual_m)
+    step_m[AT] = back_m
+    assert bool(said_of(driven(step_m))) is is_jump
+
+
 def test_drive_as_it_is_has_no_jumps():
     assert said_of(driven()) == []
     assert said_of(driven(steps_with(0.15, -0.15))) == []
