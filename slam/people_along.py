@@ -33,10 +33,6 @@ _MANY, _FEW, _MUCH = 3, 3, 0.3
 scan's: a cart close by hides what is behind it from all but the last two. Chosen: of one who walks two
 metres ahead 5 of 181 beams, 10 of 361, at most keyframes; none of a room's walls, three at one keyframe that lay
 9 cm aside."""
-_SMEARED = 0.05
-"""Share of the scan's points that three of four keyframes looked through, more than tell of the way, and yet others
-saw there. Chosen: of scans with walkers, and of wheels that spin, that were right it was 0.04 at most, of those drawn
-aside by 0.2 m and more half had 0.05."""
 _ASIDE_M = 0.05
 """Of beams that pass by: with 0.1 m one who had walked ahead hid himself. Chosen."""
 _SURE = 0.9
@@ -74,8 +70,7 @@ class SeenBefore:
     def are_people(self, match: SurfaceMatch, T_wheels: SE2) -> bool:
         """Whether one of them looked through what the scan shows at a match, or the scan through what it saw,
         and nothing that they saw says that it lies there rather than where the wheels lead."""
-        through = self._through(self._last, match)
-        if not self._is_looked_through(through):
+        if not self._is_looked_through(self._last, match):
             return False
         T = match.T_map_base
         seen = self._surfaces.match_alone(self._points, T)
@@ -83,19 +78,15 @@ class SeenBefore:
             return True
         off_m = _apart(seen.T_map_base, T)
         if off_m < _THERE_M:
-            # those who walked on while they were seen are wherever one looks for them
-            share = sorted(through)[len(through) // 4] / len(self._points)
-            return share > max(_SMEARED, seen.least_facing)
+            return False
         is_aside = seen.T_map_base.is_near(T, *_ASIDE)
         is_aside &= off_m < _NEARER * _apart(T_wheels, T)
-        return not is_aside or self._is_looked_through(self._through(self._before, seen))
+        return not is_aside or self._is_looked_through(self._before, seen)
 
-    def _is_looked_through(self, through: Sequence[int]) -> bool:
+    def _is_looked_through(self, keyframes: Sequence[Keyframe], match: SurfaceMatch) -> bool:
+        through = [self._looked_through(one, match) for one in keyframes]
         many = sum(count >= _FEW for count in through)
-        return 0 < min(_MANY, len(through)) <= many or sum(through) > _MUCH * len(self._points)
-
-    def _through(self, keyframes: Sequence[Keyframe], match: SurfaceMatch) -> list[int]:
-        return [self._looked_through(one, match) for one in keyframes]
+        return 0 < min(_MANY, len(keyframes)) <= many or sum(through) > _MUCH * len(self._points)
 
     def _looked_through(self, keyframe: Keyframe, match: SurfaceMatch) -> int:
         """How many of both scans' points the other did."""

@@ -237,28 +237,6 @@ def test_what_hid_where_it_is_now_is_told_by_where_it_was():
     assert asked.are_people(at(4.0), SE2(4.5, 0.0, 0.0))
 
 
-@pytest.mark.parametrize(("wide_m", "are_people"), [(0.6, True), (0.15, False)])
-def test_who_walked_on_while_he_was_seen_is_not_where_he_was(wide_m, are_people):
-    # now on the left, now on the right: keyframes saw him where a scan puts him, the others looked through there
-    rng, bare = np.random.default_rng(4), room(-30.0, -1.0, 30.0, 1.0)
-    before = [
-        kept(
-            np.concatenate([bare, wide(x + 2.0, 0.45 if k % 4 == 0 else -0.45, wide_m)]),
-            SE2(x, 0.0, 0.0),
-            rng,
-        )
-        for k, x in enumerate(np.arange(0.0, 3.8, 0.25))
-    ]
-    walls = np.concatenate([bare, wide(6.0, 0.45, wide_m)])
-    asked = seen_before(before, walls, SE2(4.0, 0.0, 0.0), rng)
-    assert asked.are_people(at(3.0), SE2(4.0, 0.0, 0.0)) is are_people
-
-
-def wide(x: float, y: float, wide_m: float) -> np.ndarray:
-    """Somebody with a load."""
-    return box(x - 0.05, y - wide_m / 2.0, x + 0.05, y + wide_m / 2.0)
-
-
 class Alone(SurfaceMap):
     """Of which any scan matches at one place."""
 
