@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from slam.arrays import FloatArray
@@ -47,11 +46,6 @@ class Prediction:
     def way_m(self) -> float:
         """From there to where the wheels lead."""
         return apart_m(self.T_last, self.T_map_base)
-
-    def way_to(self, T_map_base: SE2) -> float:
-        """How far along that lies a pose from there [m]; below 0 behind the robot."""
-        gone, way = (self.T_last.inverse() @ T for T in (T_map_base, self.T_map_base))
-        return (gone.x * way.x + gone.y * way.y) / math.hypot(way.x, way.y)
 
     @property
     def others(self) -> list[SE2]:

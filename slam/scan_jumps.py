@@ -30,8 +30,8 @@ _FASTER, _APART_M = 2.0, 0.3
 Chosen: of 32 simulated drives without wheels, jumps of right maps that were called good were 0.0 m so fast,
 of wrong ones 0.6 to 0.7 m."""
 _BACK_M = 0.5
-"""As `_APART_M`, of a step no faster than the others, but the other way: who drives does not turn back at once, and
-on again. Chosen: 1 m of a real log played backwards, and 0.3 m of a scan of a right map."""
+"""As `_APART_M`, of a step no faster than the others, but the other way, to a scan that leaves it open or was
+searched for: few turn back at once. Chosen: 1 m of a real log played backwards, and 0.3 m of a scan of a right map."""
 _AGAINST = 60.0
 """Normalised error squared of what was told of a step, beyond which it is not the one that scans show. As
 `FrontEndConfig.surely_wrong`."""
@@ -79,7 +79,8 @@ def scan_jumps(
         return []
     fast_mps = _FASTER * np.quantile(usual_mps, _USUAL)
     has_jumped = (speeds_mps > fast_mps) & (apart_m > _APART_M)
-    has_jumped |= (apart_mps > fast_mps) & (apart_m > _BACK_M)
+    is_vague = np.array([one.is_open or one.status is StepStatus.SEARCHED for one in own[1:]])
+    has_jumped |= is_vague & (apart_mps > fast_mps) & (apart_m > _BACK_M)
     if not has_jumped.any():
         return []
     worst = int(np.argmax(np.where(has_jumped, apart_m, 0.0)))

@@ -268,7 +268,6 @@ def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between(held):
         {"by_wheels": telling(0.25, seen=0.94)},
         {"by_wheels": telling(0.25, cost=0.081)},
         {"by_wheels": telling(0.25, across=0.002)},  # bare walls tell nothing of the way
-        {**dict.fromkeys(("by_wheels", "by_last", "by_rest"), telling(-0.2)), "true_m": -0.2},
         {"by_rest": telling(0.19)},  # one thing, that had stood until now
         {"by_rest": telling(0.25, across=0.002)},
         {"points": WALL},
@@ -280,13 +279,19 @@ def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between(held):
         {"sigma_m": 0.04},  # wheels that may be so far off
         {"noise": 12.0},  # and that show it
         {"wheels_m": 0.015},  # that will tell of it at the next scan
-        {"before_m": 0.015},  # or have told of none before
         {"keyframes": []},
         {"keyframes": broken(4)},
     ],
 )
 def test_else_wheels_did_not_slip(said):
     assert slipped(**said) is None
+
+
+@pytest.mark.parametrize(("before_m", "wheels_m"), [(0.015, 0.5), (0.015, 0.015)])
+def test_wheels_that_stood_may_slip_and_those_that_tell_late_of_a_start_are_not_waited_for(
+    before_m, wheels_m
+):
+    assert slipped(before_m=before_m, wheels_m=wheels_m) is not None
 
 
 def test_people_who_walk_along_are_no_slip(monkeypatch):
