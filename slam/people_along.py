@@ -166,7 +166,7 @@ class PeopleAlong:
     def held_along(
         self, points: FloatArray, since: Prediction, match: SurfaceMatch
     ) -> SurfaceMatch:
-        """As `held`, but only along the way that people drew a match aside: walls tell the rest."""
+        """As `Candidates.held`, but only along the way that people drew a match aside: walls tell the rest."""
         T, share = since.T_map_base, self._config.surfaces.share
         off = T.inverse() @ self._surfaces.match_alone(points, match.T_map_base).T_map_base
         way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
