@@ -77,7 +77,7 @@ def _add_fits(
     ]
     for points in placed:
         surfaces.add(points)
-    nothing, little = np.zeros((3, 3)), _LITTLE * np.eye(3)
+    little = _LITTLE * np.eye(3)
     frame = graph.add_node(SE2.identity())
     graph.add_edge(0, frame, SE2.from_array(poses[0]).inverse(), little)  # where none fits
     for index in range(len(keyframes)):
@@ -85,7 +85,7 @@ def _add_fits(
             continue
         T_now = SE2.from_array(poses[index])
         surfaces.remove(placed[index])
-        match = surfaces.match(keyframes[index].faced, T_now, T_now, nothing)
+        match = surfaces.match_alone(keyframes[index].faced, T_now)
         surfaces.add(placed[index])
         step = T_now.inverse() @ match.T_map_base
         if (

@@ -213,8 +213,7 @@ class LoopCloser:
     def _matched(self, keyframe: Keyframe, T_told: SE2, reach: tuple[float, float]) -> SurfaceMatch:
         points = keyframe.faced
         starts = [T_told, *self._surfaces.searched(points, T_told, *reach)]
-        nothing = np.zeros((3, 3))
-        matches = [self._surfaces.match(points, start, start, nothing) for start in starts]
+        matches = [self._surfaces.match_alone(points, start) for start in starts]
         return min(matches, key=lambda match: match.cost)
 
     def _held(self, match: SurfaceMatch) -> float:

@@ -56,16 +56,16 @@ def is_one_place(
     Information says how surfaces face, and takes a scan's errors to go together; the sides of shallow
     recesses are few, and yet each of them tells.
     """
-    slide, nothing = match.open_way, np.zeros((3, 3))
+    slide = match.open_way
     if slide is None:
         return False
-    alone = surfaces.match(points, match.T_map_base, match.T_map_base, nothing)
+    alone = surfaces.match_alone(points, match.T_map_base)
     if not alone.T_map_base.is_near(match.T_map_base, *_HELD):
         return False
     for slid_m in np.arange(_APART_M, np.clip(way_m, *_REACH_M) + _APART_M / 2.0, _APART_M):
         for sign in (1.0, -1.0):
             start = alone.T_map_base @ SE2.exp(sign * slid_m * slide)
-            other = surfaces.match(points, start, start, nothing)
+            other = surfaces.match_alone(points, start)
             if other.T_map_base.is_near(alone.T_map_base, *_BACK):
                 continue
             is_near = slid_m < _REACH_M[0] + _APART_M / 2.0

@@ -64,8 +64,7 @@ class OpenRun:
         if len(run) >= len(window):
             return None
         window.leave_out_last(len(run))
-        nothing = np.zeros((3, 3))
-        match = window.surfaces.match(points, T_start, T_start, nothing)
+        match = window.surfaces.match_alone(points, T_start)
         is_seen = (
             match.least_facing >= config.least_facing
             and match.inlier_ratio >= config.good_inlier_ratio
@@ -76,7 +75,7 @@ class OpenRun:
             weakest = np.linalg.eigh(match.place_information)[1][:, 0]
             for slid_m in _SLID_M:
                 start = match.T_map_base @ SE2(slid_m * weakest[0], slid_m * weakest[1], 0.0)
-                other = window.surfaces.match(points, start, start, nothing)
+                other = window.surfaces.match_alone(points, start)
                 is_other = not other.T_map_base.is_near(match.T_map_base, _SAME_M, math.inf)
                 is_seen &= not (is_other and other.cost < match.cost + config.better)
         window.learn_all((one.T_map_base, one.faced) for one in run)

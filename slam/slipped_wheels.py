@@ -46,18 +46,18 @@ class SlippedWheels:
     ) -> None:
         self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
         self.still = StillScans()
-        self._is_told = False
+        self._has_way = False
 
     def against(
         self, points: FloatArray, beams: Beams, told: Prediction, led: SurfaceMatch
     ) -> SurfaceMatch | None:
         """The match of faced points (N, 3) against wheels that spun or slipped since the last scan, which
         pull a little. None where they did not, or nobody can tell. led: the match where they lead."""
-        was_told, self._is_told = self._is_told, told.way_m >= _NO_WAY_M
+        had_way, self._has_way = self._has_way, told.way_m >= _NO_WAY_M
         if led.cost < _STILL_BETTER or not self._is_known(told):
             return None
         alone = self._stood(points, beams, told, led)
-        if alone is None and (self._is_told or not was_told):
+        if alone is None and (self._has_way or not had_way):
             alone = self._slipped(points, told, led)
         if alone is None:
             return None

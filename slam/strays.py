@@ -190,15 +190,15 @@ class _Search:
         """Where a keyframe fits near a pose on the way, at least as well as where it is, if it lies
         aside of that; and the match from where it is. at: the one before, it, the one after."""
         before, k, after = at
-        config, points, nothing = self._config, self._keyframes[k].faced, np.zeros((3, 3))
+        config, points = self._config, self._keyframes[k].faced
         T_now = SE2.from_array(poses[k])
         off_m = apart_m(T_way, T_now)
         if off_m < config.least_m:
             return None, None
         self._learn(poses, before, after)
         starts = [T_way, *self._surfaces.searched(points, T_way, config.reach_m, config.reach_rad)]
-        stays = self._surfaces.match(points, T_now, T_now, nothing)
-        matches = [stays, *(self._surfaces.match(points, one, one, nothing) for one in starts)]
+        stays = self._surfaces.match_alone(points, T_now)
+        matches = [stays, *(self._surfaces.match_alone(points, one) for one in starts)]
         self._surfaces.clear()
         best = min(
             (one for one in matches if apart_m(T_way, one.T_map_base) < config.nearer * off_m),
