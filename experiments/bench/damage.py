@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from rich.table import Table
 
-from experiments.bench.map_end import MOST_M, MOST_RMSE_M, MapEnd, table_of
-from experiments.evaluation import evaluated
-from experiments.progress import CountProgress
-from experiments.slam_log import check_same_time, default_mapped
+from experiments.bench.changed_logs import CAPTION, Case, measured, read_referenced
+from experiments.bench.log_changes import (
+    Change,
+    keeping,
+    with_records,
+    with_scans,
+    with_wheels,
+    without_wheels,
+)  # fmt: skip
+from experiments.bench.map_end import table_of
 from experiments.tables import wide_console
 from slam.measurements import LaserScan
-from slam.readers.log import Log, LogRecord, LogRecords
-from slam.readers.log_odometry import unknown_motion
-from slam.readers.recognition import read_log
+from slam.readers.log import Log, LogRecord
 from slam.se2 import SE2
-from slam.trajectory import Trajectory, read_tum
 
 _LOST = 1.0 / 3.0
 _FROZEN_S = 10.0
@@ -29,76 +31,31 @@ _INNER = (0.1, 0.9)
 _WRONG_STEP, _WRONG_TURN = 1.15, 0.8
 """Chosen: wheels so bad that odometry alone is metres off within a room."""
 
-Damage = Callable[[Log, np.random.Generator], Log]
-
 
 def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) -> bool:
     """Damages, maps and prints the table; whether no wrong map was called good.
 
     Raises ValueError for files that are not what they should be, or too short to be damaged.
     """
-    against, log = read_tum(reference), read_log(log_path)
-    log.check_sees()
-    check_same_time(log, against.times_s, reference)
+    log, against = read_referenced(log_path, reference)
     if log.scan_count < 1.0 / (_INNER[1] - _INNER[0]):
         raise ValueError(f"{log_path}: {log.scan_count} scans are too few to damage some of them")
-    found = measured(log, against, repeats, seed)
-    wide_console().print(_table(log.name, found, repeats, seed))
+    cases = [Case(of, change, against) for of, change in DAMAGES.items()]
+    found = measured(log, against, cases, repeats, seed, "damage")
+    title = f"{log.name} damaged, each way {repeats} times, seed {seed}"
+    wide_console().print(table_of(found, "damage", title, CAPTION))
     return not any(one.is_deceptive for one in found)
 
 
-def measured(log: Log, against: Trajectory, repeats: int, seed: int) -> list[MapEnd]:
-    """Each damage, drawn anew in each repeat; the log as it is first."""
-    found = [_ended(log, against, "none")]
-    with CountProgress("damage", len(DAMAGES) * repeats) as progress:
-        for children in np.random.SeedSequence(seed).spawn(repeats):
-            seeds = children.spawn(len(DAMAGES))
-            for (name, damage), own in zip(DAMAGES.items(), seeds, strict=True):
-                found.append(_ended(damage(log, np.random.default_rng(own)), against, name))
-                progress.update(len(found) - 1, name)
-    return found
-
-
-def _ended(log: Log, against: Trajectory, damage: str) -> MapEnd:
-    """How the log is mapped, by the one set of parameters."""
-    slam_map = default_mapped(log).slam_map
-    absolute = evaluated(slam_map.trajectory, against).absolute
-    assert absolute is not None
-    return MapEnd.judged(damage, slam_map, absolute.position_m, MOST_RMSE_M, MOST_M)
-
-
-def _with_records(log: Log, changed: Callable[[Iterable[LogRecord]], Iterator[LogRecord]]) -> Log:
-    """The log, each record changed while it is read."""
-    return replace(log, records=LogRecords(len(log.records), lambda: changed(log.records)))
-
-
-def _with_scans(log: Log, changed: Callable[[int, LaserScan], LaserScan | None]) -> Log:
-    """The log, each scan changed, by its number; None takes it away."""
-
-    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
-        index = 0
-        for record in of:
-            if record.scan is None:
-                yield record
-                continue
-            yield replace(record, scan=changed(index, record.scan))
-            index += 1
-
-    return _with_records(log, records)
-
-
 def _some_scans_lost(log: Log, rng: np.random.Generator) -> Log:
-    is_lost = rng.permutation(log.scan_count) < _LOST * log.scan_count
-    kept = _with_scans(log, lambda index, scan: None if is_lost[index] else scan)
-    return replace(kept, scan_count=int((~is_lost).sum()))
+    return keeping(log, rng.permutation(log.scan_count) >= _LOST * log.scan_count)
 
 
 def _block_lost(log: Log, rng: np.random.Generator) -> Log:
     count = int(_LOST * log.scan_count)
     first = int(rng.integers(log.scan_count - count + 1))
-    lost = range(first, first + count)
-    kept = _with_scans(log, lambda index, scan: None if index in lost else scan)
-    return replace(kept, scan_count=log.scan_count - count)
+    scans = np.arange(log.scan_count)
+    return keeping(log, (scans < first) | (scans >= first + count))
 
 
 def _records_lost(log: Log, rng: np.random.Generator) -> Log:
@@ -111,7 +68,7 @@ def _records_lost(log: Log, rng: np.random.Generator) -> Log:
     def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
         return (record for row, record in enumerate(of) if not start <= row < stop)
 
-    kept = replace(_with_records(log, records), scan_count=log.scan_count - lost)
+    kept = replace(with_records(log, records), scan_count=log.scan_count - lost)
     return replace(kept, records=replace(kept.records, count=len(log.records) - (stop - start)))
 
 
@@ -127,7 +84,7 @@ def _turned(log: Log, rng: np.random.Generator) -> Log:
                 T_jump = record.T_odom_base @ turn @ record.T_odom_base.inverse()
             yield replace(record, T_odom_base=T_jump @ record.T_odom_base)
 
-    return _with_records(log, records)
+    return with_records(log, records)
 
 
 def _frozen(log: Log, rng: np.random.Generator) -> Log:
@@ -142,7 +99,7 @@ def _frozen(log: Log, rng: np.random.Generator) -> Log:
             return scan
         return replace(scan, ranges_m=held[0].ranges_m)
 
-    return _with_scans(log, changed)
+    return with_scans(log, changed)
 
 
 def _beams_lost(log: Log, rng: np.random.Generator) -> Log:
@@ -152,35 +109,13 @@ def _beams_lost(log: Log, rng: np.random.Generator) -> Log:
         is_lost = np.random.default_rng([seed, index]).random(len(scan.ranges_m)) < _LOST
         return replace(scan, ranges_m=np.where(is_lost, np.nan, scan.ranges_m))
 
-    return _with_scans(log, changed)
+    return with_scans(log, changed)
 
 
 def _wrong_wheels(log: Log, rng: np.random.Generator) -> Log:
     """Each step longer or shorter than it is, each turn too, from the first to the last."""
     longer, wider = (rng.permutation([one, 1.0 / one])[0] for one in (_WRONG_STEP, _WRONG_TURN))
-
-    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
-        T_last, T_odom = None, SE2.identity()
-        for record in of:
-            if T_last is not None:
-                step = T_last.inverse() @ record.T_odom_base
-                T_odom = T_odom @ SE2(longer * step.x, longer * step.y, wider * step.theta)
-            T_last = record.T_odom_base
-            yield replace(record, T_odom_base=T_odom)
-
-    return _with_records(log, records)
-
-
-def _no_wheels(log: Log, _: np.random.Generator) -> Log:
-    alone = _with_records(log, _scans_alone)
-    alone = replace(alone, records=replace(alone.records, count=log.scan_count))
-    return replace(alone, noise=unknown_motion, has_odometry=False)
-
-
-def _scans_alone(records: Iterable[LogRecord]) -> Iterator[LogRecord]:
-    for record in records:
-        if record.scan is not None:
-            yield replace(record, T_odom_base=SE2.identity())
+    return with_wheels(log, lambda step: SE2(longer * step.x, longer * step.y, wider * step.theta))
 
 
 def _inner(count: int, rng: np.random.Generator) -> int:
@@ -188,7 +123,7 @@ def _inner(count: int, rng: np.random.Generator) -> int:
     return int(rng.integers(low, high))
 
 
-DAMAGES: dict[str, Damage] = {
+DAMAGES: dict[str, Change] = {
     "a third of the scans lost, here and there": _some_scans_lost,
     "a third of the scans lost, in one piece": _block_lost,
     "a third of the records lost, in one piece": _records_lost,
@@ -196,15 +131,5 @@ DAMAGES: dict[str, Damage] = {
     f"laser frozen for {_FROZEN_S:g} s": _frozen,
     "a third of the beams lost": _beams_lost,
     "wheels 15 % wrong along, 20 % in turns": _wrong_wheels,
-    "no wheels": _no_wheels,
+    "no wheels": without_wheels,
 }
-
-
-def _table(name: str, found: list[MapEnd], repeats: int, seed: int) -> Table:
-    return table_of(
-        found,
-        "damage",
-        f"{name} damaged, each way {repeats} times, seed {seed}",
-        f"Position error of the scans against the reference; right: at most {MOST_RMSE_M:g} m"
-        f" (RMS) and below {MOST_M:g} m.",
-    )

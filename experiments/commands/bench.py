@@ -114,6 +114,19 @@ def damage(
 
 
 @app.command()
+def sensors(
+    log: Log,
+    reference: Reference,
+    repeats: Annotated[int, typer.Option(min=1, help="Of each, noise drawn anew.")] = 1,
+    seed: Seed = 0,
+) -> int:
+    """A log by other lasers and wheels, or driven backwards: a right map, or one called failed?"""
+    from experiments.bench.sensors import print_benchmark
+
+    return 0 if print_benchmark(log, reference, repeats, seed) else 1
+
+
+@app.command()
 def buildings(
     odometry: Annotated[
         str, typer.Option(help="Of the logs: usual, bad (8 to 15 cm off after a metre), or none.")

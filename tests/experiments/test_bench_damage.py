@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.bench import damage
+from experiments.bench import changed_logs, damage
 from experiments.bench.damage import DAMAGES
 from experiments.bench.map_end import MapEnd
 from experiments.cli import main
@@ -121,12 +121,12 @@ def test_a_wrong_map_called_good_counts_and_no_other(monkeypatch, capsys):
 
 def test_log_too_short_to_be_damaged_is_refused(tmp_path, capsys, monkeypatch):
     log = read_log(LOG)
-    monkeypatch.setattr(damage, "read_log", lambda _: replace(log, scan_count=1))
+    monkeypatch.setattr(changed_logs, "read_log", lambda _: replace(log, scan_count=1))
     said = refusal(capsys, "bench", "damage", str(LOG), "--reference", str(REFERENCE))
     assert said.endswith("1 scans are too few to damage some of them")
 
 
-@pytest.mark.parametrize("bench", ["damage", "continued"])
+@pytest.mark.parametrize("bench", ["damage", "continued", "sensors"])
 def test_reference_of_another_time_is_refused_before_anything_is_mapped(
     bench, tmp_path, capsys, monkeypatch
 ):
