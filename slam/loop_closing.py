@@ -161,7 +161,7 @@ class LoopCloser:
         loose_m: by how much the earlier one may lie farther along than what is seen around it, which
         shows where the later one lies; as seen from the earlier one, nobody knows that any better.
         """
-        members = self._members(keyframes, earlier)
+        members = self._members(keyframes, earlier, later)
         thinned = self._surfaces.thinned
         submap = np.concatenate(
             [moved(SE2.from_array(poses[k]), thinned(keyframes[k].faced)) for k in members]
@@ -191,14 +191,13 @@ class LoopCloser:
             match.inlier_ratio, passed_ratio,
         )  # fmt: skip
 
-    def _members(self, keyframes: Sequence[Keyframe], middle: int) -> list[int]:
-        """The keyframes around one, none beyond a place where the scans broke off."""
-        first, last = middle, middle
+    def _members(self, keyframes: Sequence[Keyframe], middle: int, later: int) -> list[int]:
+        """The keyframes around one, none beyond a place where the scans broke off, nor nearer to the later
+        one: where scans are rare it would be compared with itself."""
+        first, last, most = middle, middle, (middle + later) // 2
         while first > max(0, middle - self.config.half) and not keyframes[first].is_break:
             first -= 1
-        while last < min(len(keyframes) - 1, middle + self.config.half) and not (
-            keyframes[last + 1].is_break
-        ):
+        while last < min(most, middle + self.config.half) and not keyframes[last + 1].is_break:
             last += 1
         return list(range(first, last + 1))
 
