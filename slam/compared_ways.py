@@ -27,6 +27,9 @@ between bare walls from the first scan on, scans went nowhere, which was taken f
 of 2.5 times the way failed."""
 _FAR_M = 20.0
 """Of the wheels, that it takes to say so."""
+_LEVER_M = 0.5
+"""How far from the middle between the wheels a robot's pose may be that is told: it is what turns on the spot swing
+by, where the laser stands ahead and nobody said so. Chosen."""
 _JUMP_M = 2.0
 """Of one step; chosen: farther, odometry has jumped, or scans are too far apart."""
 _PIECE_M = 1.0
@@ -74,6 +77,8 @@ class ComparedWays:
         that tell of none may tell of it later: what scans see until then is of the same way."""
         way_m = math.hypot(by_wheels.x, by_wheels.y)
         is_silent = way_m <= _SILENT_M
+        if way_m < _LEVER_M * abs(by_wheels.theta):
+            return
         if not is_silent:
             self._ahead = by_wheels.x / way_m, by_wheels.y / way_m
         if step.is_open or way_m >= _JUMP_M:

@@ -57,6 +57,10 @@ def test_odometry_that_lags_denies_nothing():
     # five equal records of mit-csail, then a turn of 86 degrees at once, of which scans had shown 69
     told_late = SE2(0.02, 0.0, 1.5), SE2(0.02, 0.0, 0.3)
     assert not objections_to([DROVE, *[UNTOLD] * 4, told_late, DROVE], is_open=True)
+    # by a fan of 120 degrees, of which they had shown 53 and 16: the wheels tell of a fifth more
+    told_more = SE2(0.467, 0.006, math.radians(85.5)), SE2(0.15, -0.15, math.radians(15.6))
+    shown = SE2.identity(), SE2(0.08, 0.0, math.radians(53.2 / 4))
+    assert not objections_to([DROVE, *[shown] * 4, told_more, DROVE], is_open=True)
 
 
 @pytest.mark.parametrize(
