@@ -138,7 +138,8 @@ def _looks(segments: FloatArray, views: Sequence[View], config: SurfacesConfig) 
     middles = segments.mean(axis=1)
     along = segments[:, 1] - segments[:, 0]
     normals = np.column_stack([-along[:, 1], along[:, 0]])
-    normals /= np.hypot(*normals.T)[:, np.newaxis]
+    length_m = np.hypot(*normals.T)
+    normals /= length_m[:, np.newaxis]
     finite_m = [view.ranges_m[np.isfinite(view.ranges_m)].max(initial=0.0) for view in views]
     hardest = np.column_stack([np.zeros(len(segments)), np.ones(len(segments))])
     # once to see from how far off surfaces return beams, and once to count
@@ -146,7 +147,7 @@ def _looks(segments: FloatArray, views: Sequence[View], config: SurfacesConfig) 
         counts[:] = 0
         for view in views:
             looks_into(
-                middles, normals, view.T_map_base.as_array(), view.origin_m, view.angles_rad,
+                middles, normals, length_m / 2.0, view.T_map_base.as_array(), view.origin_m, view.angles_rad,
                 view.ranges_m, config.beside_m, config.beside_share, config.coarsest_m,
                 max(finite_m), hardest, counts,
             )  # fmt: skip

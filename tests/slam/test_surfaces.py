@@ -317,17 +317,27 @@ def test_a_leg_stays_though_lone_points_beside_it_go():
     assert ((found[:, 1] > -0.065) & (found[:, 1] < 0.025)).all()
 
 
-def looked(scans, ahead_m, facing=(-1.0, 0.0), first_m=None):
-    """What `looks_into` counts of a point so far ahead; first_m: as far as it is for the first."""
-    angles = np.radians(np.linspace(-2.0, 2.0, 9))
+def looked(scans, ahead_m, facing=(-1.0, 0.0), first_m=None, half_m=0.05, turned_deg=0.0):
+    """What `looks_into` counts of a point so far ahead; first_m: as far as it is for the first; half_m: of
+    its surface to either side; turned_deg: of the beams, half a degree apart."""
+    angles = np.radians(np.linspace(-2.0, 2.0, 9) + turned_deg)
     hardest, counts = np.array([[0.0, 1.0]]), np.zeros((1, COUNTS), dtype=np.int64)
     for index, ranges in enumerate(scans):
         way = first_m if first_m is not None and index == 0 else ahead_m
         looks_into(
-            np.array([[way, 0.0]]), np.array([facing]), np.zeros(3), np.zeros(2), angles,
+            np.array([[way, 0.0]]), np.array([facing]), np.array([half_m]), np.zeros(3), np.zeros(2), angles,
             np.array(ranges), 0.08, 0.02, 0.05, 4.0, hardest, counts,
         )  # fmt: skip
     return counts
+
+
+@pytest.mark.parametrize(("half_m", "turned_deg", "passed"), [
+    (0.0125, 0.25, 0), (0.0125, 0.05, 1), (0.05, 0.25, 1),
+])  # fmt: skip
+def test_beams_to_either_side_of_a_thin_leg_do_not_pass_through_it(half_m, turned_deg, passed):
+    # of the legs of chairs, 2.5 cm thin, lasers with a beam each degree or half had lost most
+    counts = looked([[9.0] * 9], 3.0, half_m=half_m, turned_deg=turned_deg)
+    assert counts[0, PASSED] == passed
 
 
 def test_surfaces_move_with_their_frame(surfaces):
