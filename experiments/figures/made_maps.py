@@ -47,9 +47,10 @@ def made_maps_picture(folder: Path, result: MappingResult, index: int) -> Path:
 
 def worst_maps_picture(folder: Path, worst: list[tuple[int, MappingResult]], name: str) -> Path:
     """The maps of one method's worst trials beside each other. Writes `worst.png` and `.svg`."""
-    figure, axes = plt.subplots(
-        1, len(worst), figsize=(5.4 * len(worst), 5.4), squeeze=False, layout="constrained"
-    )
+    # a panel is as high as its place is for its width; else titles and legend may lie on it
+    wide_m, high_m = np.ptp(true_map(worst[0][1].config).place_map.segments_m, axis=(0, 1)) + 0.6
+    size = 5.4 * len(worst), 4.6 * high_m / wide_m + 1.9
+    figure, axes = plt.subplots(1, len(worst), figsize=size, squeeze=False, layout="constrained")
     for axis, (index, result) in zip(axes[0], worst, strict=True):
         _draw_made(axis, result, name, f"trial {index}, {_people(result)}")
     figure.suptitle(f"the worst maps by {name}" if len(worst) > 1 else f"the worst map by {name}")
