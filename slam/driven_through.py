@@ -33,8 +33,8 @@ _LOOKS = (-8, -6, -4, -3, -2, -1, 0, 1, 2, 3, 4, 5, 7, 9)
 @dataclass(frozen=True)
 class DrivenThrough:
     """What stands on the way to a keyframe. scans: that saw it there, on the way itself and to both
-    sides. walls: of these, of which scans from about there do not say that it was a closed door:
-    that what is to its sides, farther than a door reaches, stands there still."""
+    sides. walls: of these, that reach farther than a door, and of which scans from about there do not say
+    that it was a closed one: that what is to its sides, farther than a door reaches, stands there still."""
 
     keyframe: int
     scans: int
@@ -73,8 +73,10 @@ def driven_through(
             sides = _sides(_seen_from(cloud, start_m, along), at_m)
             if min(np.count_nonzero(side) for side in sides[:2]) >= _FEW:
                 scans += 1
-                asked = [_passed(cloud[one], keyframes, poses, k, margins) for one in sides[2:]]
-                walls += True in asked or False not in asked
+                beyond = [cloud[one] for one in sides[2:] if np.count_nonzero(one) >= _FEW]
+                asked = [_passed(one, keyframes, poses, k, margins) for one in beyond]
+                # somebody beside the edge of a door reaches no farther than that
+                walls += True in asked or (len(asked) > 0 and False not in asked)
         if scans:
             found.append(DrivenThrough(k, scans, walls))
     return found
@@ -105,8 +107,6 @@ def _passed(
 ) -> bool | None:
     """Whether beams of a keyframe about there go through most of some points (N, 2); None: none of
     them says anything of these."""
-    if len(points) < _FEW:
-        return None
     said = None
     for other in (k + step for step in _LOOKS):
         if not 0 <= other < len(keyframes) or keyframes[other].is_place_alone:
