@@ -61,6 +61,9 @@ def test_odometry_that_lags_denies_nothing():
     told_more = SE2(0.467, 0.006, math.radians(85.5)), SE2(0.15, -0.15, math.radians(15.6))
     shown = SE2.identity(), SE2(0.08, 0.0, math.radians(53.2 / 4))
     assert not objections_to([DROVE, *[shown] * 4, told_more, DROVE], is_open=True)
+    # by one of 90 degrees, which drew some of them half a metre aside
+    aside = SE2.identity(), SE2(0.13, 0.05, math.radians(53.2 / 4))
+    assert objections_to([DROVE, *[aside] * 4, told_more, DROVE], is_open=True)
 
 
 @pytest.mark.parametrize(
