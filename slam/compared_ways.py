@@ -28,8 +28,8 @@ of 2.5 times the way failed."""
 _FAR_M = 20.0
 """Of the wheels, that it takes to say so."""
 _LEVER_M = 0.5
-"""How far from the middle between the wheels a robot's pose may be that is told: it is what turns on the spot swing
-by, where the laser stands ahead and nobody said so. Chosen."""
+"""How far from the middle between the wheels a robot's pose may be that is told: for each radian of a turn it swings by as
+much, where the laser stands ahead and nobody said so. Chosen."""
 _JUMP_M = 2.0
 """Of one step; chosen: farther, odometry has jumped, or scans are too far apart."""
 _PIECE_M = 1.0
@@ -44,14 +44,20 @@ _LEAST_PIECES = 8
 
 @dataclass(frozen=True)
 class _Piece:
-    """Of a way: how far by the wheels and by the scans [m], variance of the first as it was told, and
-    when it began and ended [s]."""
+    """Of a way: how far by the wheels and by the scans [m], variance of the first as it was told, how far
+    these turned from its start to its end [rad], and when it began and ended [s]."""
 
     by_wheels_m: float
     by_scans_m: float
     variance_m2: float
+    turn_rad: float
     from_s: float
     to_s: float
+
+    @property
+    def swing_m(self) -> float:
+        """By how much the way by the wheels may be that of a turn."""
+        return _LEVER_M * abs(self.turn_rad)
 
 
 class ComparedWays:
@@ -69,7 +75,7 @@ class ComparedWays:
         self._is_after_gap = True
 
     def _begin(self) -> None:
-        self._by_wheels_m = self._by_scans_m = self._variance_m2 = 0.0
+        self._by_wheels_m = self._by_scans_m = self._variance_m2 = self._turn_rad = 0.0
         self._from_s: float | None = None
 
     def take(self, by_wheels: SE2, variance_m2: float, by_scan: SE2, step: FrontEndStep) -> None:
@@ -77,8 +83,6 @@ class ComparedWays:
         that tell of none may tell of it later: what scans see until then is of the same way."""
         way_m = math.hypot(by_wheels.x, by_wheels.y)
         is_silent = way_m <= _SILENT_M
-        if way_m < _LEVER_M * abs(by_wheels.theta):
-            return
         if not is_silent:
             self._ahead = by_wheels.x / way_m, by_wheels.y / way_m
         if step.is_open or way_m >= _JUMP_M:
@@ -91,6 +95,7 @@ class ComparedWays:
         if self._from_s is None:
             self._from_s = step.time_s
         self._by_wheels_m += way_m
+        self._turn_rad += by_wheels.theta
         self._variance_m2 += 0.0 if is_silent else variance_m2 + _STEP_M**2
         self._by_scans_m += by_scan.x * self._ahead[0] + by_scan.y * self._ahead[1]
         if self._by_wheels_m > _PIECE_M and not is_silent:
@@ -99,6 +104,7 @@ class ComparedWays:
                     self._by_wheels_m,
                     self._by_scans_m,
                     self._variance_m2,
+                    self._turn_rad,
                     self._from_s,
                     step.time_s,
                 )
@@ -128,8 +134,9 @@ class ComparedWays:
 
     def objections(self) -> list[str]:
         """In words, that the two are in other units, or that the scans left out some of the way."""
-        by_wheels_m = sum(piece.by_wheels_m for piece in self._pieces)
-        by_scans_m = sum(piece.by_scans_m for piece in self._pieces)
+        straight = [one for one in self._pieces if one.swing_m < _SHORT * one.by_wheels_m]
+        by_wheels_m = sum(piece.by_wheels_m for piece in straight)
+        by_scans_m = sum(piece.by_scans_m for piece in straight)
         if by_wheels_m > _FAR_M and not (
             by_wheels_m * _ALIKE < by_scans_m and by_scans_m * _ALIKE < by_wheels_m
         ):
@@ -146,7 +153,7 @@ class ComparedWays:
         short_m, first = 0.0, 0
         for k, piece in enumerate(self._pieces):
             expected_m = usual * piece.by_wheels_m
-            short_m += (1.0 - _SHORT) * expected_m - piece.by_scans_m
+            short_m += (1.0 - _SHORT) * expected_m - piece.swing_m - piece.by_scans_m
             if short_m <= 0.0:
                 short_m, first = 0.0, k + 1
             elif short_m > worst_m:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +18,7 @@ from slam.keyframes import Keyframe
 from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.surface_map import SurfaceMap, SurfaceMatch, moved
+from slam.witnesses import Witnesses
 
 _LAST, _BEFORE = slice(-12, None), slice(-12, -3)
 """Keyframes asked what is looked through, and those of them since which people have walked on. Chosen: of one a
@@ -99,17 +101,20 @@ class SeenBefore:
             (np.ascontiguousarray(self._points[:, :2]), keyframe.beams, there),
             (keyframe.points, self._beams, there.inverse()),
         ):
-            ranges_m = np.where(np.isposinf(beams.ranges_m), self._sure_m, beams.ranges_m)
             through += contradictions(
                 points,
                 pose.as_array(),
                 beams.middle_m,
                 beams.angles_rad,
-                ranges_m,
+                self._surely_m(beams),
                 *margins,
                 _ASIDE_M,
             )[1]
         return through
+
+    def _surely_m(self, beams: Beams) -> FloatArray:
+        """(B,) ranges; of beams that came back from nowhere, up to where something would have been seen [m]."""
+        return np.where(np.isposinf(beams.ranges_m), self._sure_m, beams.ranges_m)
 
     @cached_property
     def _sure_m(self) -> float:
@@ -120,9 +125,17 @@ class SeenBefore:
 
     @cached_property
     def _surfaces(self) -> SurfaceMap:
-        surfaces = SurfaceMap(self._config.surfaces)
-        for keyframe in self._before:
-            surfaces.add(moved(keyframe.T_map_base, keyframe.faced))
+        """What those before saw that stood: somebody whom one of them met may be met there again."""
+        surfaces, denial = SurfaceMap(self._config.surfaces), self._config.denial
+        sure = [
+            replace(one, beams=replace(one.beams, ranges_m=self._surely_m(one.beams)))
+            for one in self._last
+        ]
+        poses = np.array([one.T_map_base.as_array() for one in sure]).reshape(-1, 3)
+        witnesses = Witnesses(sure, poses, denial.margins, denial.aside_m)
+        # they are the first of the last ones
+        for k, keyframe in enumerate(self._before):
+            surfaces.add(moved(keyframe.T_map_base, keyframe.faced[witnesses.stands(k)]))
         return surfaces
 
 

@@ -46,17 +46,29 @@ def test_noise_of_a_short_way_is_not_known():
     assert compared([STEP_M] * 20, [0.5 * STEP_M] * 20).noise_ratio == 1.0
 
 
-@pytest.mark.parametrize("lever_m", [0.3, 0.6])
+@pytest.mark.parametrize("lever_m", [0.3, 1.0])
 def test_turns_that_swing_an_untold_laser_are_no_way(lever_m):
     # aces with its laser 0.3 m ahead: 2.3 m by the wheels while the robot turned, and none by scans
     ways, step = (
         ComparedWays(),
         FrontEndStep(0.0, 0, SE2.identity(), SE2.identity(), StepStatus.MATCHED, 0.9, True),
     )
-    for told in [SE2(STEP_M, 0.0, 0.0)] * 40 + [SE2(0.05 * lever_m, -0.3 * lever_m, 0.3)] * 40:
+    for told in [SE2(STEP_M, 0.0, 0.0)] * 120 + [SE2(0.05 * lever_m, -0.3 * lever_m, 0.3)] * 40:
         by_scan = told if told.theta == 0.0 else SE2(0.0, 0.0, 0.3)
         ways.take(told, TOLD_M2, by_scan, step)
     assert bool(ways.objections()) is (lever_m > 0.5)
+
+
+def test_wheels_that_tell_the_heading_more_often_than_the_way_are_no_other_units():
+    # of a gyro at each scan, and the way at each second one: 32 m by the wheels, and 18 by scans
+    ways, step = (
+        ComparedWays(),
+        FrontEndStep(0.0, 0, SE2.identity(), SE2.identity(), StepStatus.MATCHED, 0.9, True),
+    )
+    for k in range(200):
+        told = SE2(2.0 * STEP_M if k % 2 else 0.0, 0.0, 0.001 * (-1.0) ** (k // 2))
+        ways.take(told, TOLD_M2, SE2(STEP_M, 0.0, 0.0), step)
+    assert not ways.objections()
 
 
 def test_what_scans_leave_open_says_nothing_nor_does_the_first_scan_after_it():

@@ -66,6 +66,20 @@ def test_odometry_that_lags_denies_nothing():
     assert objections_to([DROVE, *[aside] * 4, told_more, DROVE], is_open=True)
 
 
+def test_a_turn_that_wheels_and_scans_tell_alike_makes_up_for_none_before_it():
+    # wheels that stalled over a metre of a bare corridor, and woke while the robot looked around: 1 m off and good
+    stalled = SE2.identity(), SE2(0.005, 0.0, 0.03)
+    around = SE2(0.0, 0.0, 0.5), SE2(0.0, 0.0, 0.5)
+    assert objections_to([DROVE, *[stalled] * 4, around, DROVE], is_open=True)
+
+
+def test_scans_of_a_robot_that_stood_before_it_turned_have_shown_no_way():
+    # 200 scans, a few millimetres this way and that
+    jitter = [(SE2.identity(), SE2(0.003 * (-1.0) ** k, 0.0, 0.0)) for k in range(200)]
+    told_late = SE2(0.02, 0.0, 1.5), SE2(0.02, 0.0, 0.3)
+    assert not objections_to([DROVE, *jitter, *[UNTOLD] * 4, told_late, DROVE], is_open=True)
+
+
 @pytest.mark.parametrize(
     "after",
     [
