@@ -18,7 +18,7 @@ foot of a chair was left out where the robot was 2 cm off (1 map of 300); with 0
 stood there stay."""
 _WITHIN = 0.4
 """Of a surface to either side of its middle, where a beam that goes there meets it. Chosen: poses are off by a few
-millimetres; of the legs of chairs, 2.5 cm thin, that beams 5 cm apart pass by to either side, most were left out."""
+millimetres; of the legs of chairs, 2.6 cm thin, that beams 5 cm apart pass by to either side, most were left out."""
 _STRAIGHT = 0.8
 """Chosen: of the sine: glass and black cloth return what meets them so straight, and nothing else."""
 _SURE, _EDGE = 0.9, 0.97
@@ -173,10 +173,11 @@ def looks_into(
     The scan's frame is at a pose (3,) in theirs, its beams start at an origin (2,) in it, angles:
     (B,) increasing, ranges: (B,). Of a point before the surface of which it stands, and where beams
     are no farther apart than coarsest_m: met where a beam beside it ends no farther from it than
-    the margin, passed where one goes through it and all beams about it end beyond, none alone before its neighbours, silent where some of these come back from
-    nowhere although the surface is no farther than reach_m and straight before the laser, or has
-    returned others from as far and as much along it. hardest: (N, 2) of those that it returned, the
-    greatest distance [m] and the least sine of the angle to it: kept up to date.
+    the margin, passed where one goes through it and all beams about it end beyond, none alone before
+    its neighbours, silent where one goes through it and some of these come back from nowhere although
+    the surface is straight before the laser, or has returned others from as far and as much along it.
+    hardest: (N, 2) of those that it returned, the greatest distance [m] and the least sine of the
+    angle to it: kept up to date.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     beam_count = angles.shape[0]

@@ -2,8 +2,6 @@
 
 import math
 from dataclasses import replace
-from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +14,9 @@ from experiments.evaluation import evaluated
 from experiments.slam_log import default_mapped
 from slam.readers.recognition import read_log
 from slam.trajectory import read_tum
+from tests.experiments.excerpt import LOG, REFERENCE, read_twice, scans, steps
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
-
-DATA = Path(__file__).parents[1] / "data"
-LOG, REFERENCE = DATA / "fr101-excerpt.clf.gz", DATA / "fr101-excerpt.reference.tum"
 
 
 @pytest.fixture(scope="module")
@@ -28,22 +24,10 @@ def log():
     return read_log(LOG)
 
 
-def scans(log):
-    return [record.scan for record in log.records if record.scan is not None]
-
-
-def steps(log):
-    poses = [record.T_odom_base for record in log.records]
-    return np.array([(a.inverse() @ b).as_array() for a, b in pairwise(poses)])
-
-
 def damaged(log, words, seed=3):
     """By the one damage whose name has these words, read twice."""
     (one,) = (make for name, make in DAMAGES.items() if words in name)
-    result = one(log, np.random.default_rng(seed))
-    assert len(list(result.records)) == len(list(result.records)) == len(result.records)
-    assert len(scans(result)) == result.scan_count
-    return result
+    return read_twice(one(log, np.random.default_rng(seed)))
 
 
 @pytest.mark.parametrize("words", ["here and there", "scans lost, in one piece"])

@@ -1,8 +1,5 @@
 """`kitasap bench sensors`: what is made of a log is what is said, and is the same in each reading."""
 
-from itertools import pairwise
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,9 +9,7 @@ from experiments.bench.sensors import BACKWARDS, SENSORS
 from experiments.cli import main
 from slam.readers.recognition import read_log
 from slam.trajectory import read_tum
-
-DATA = Path(__file__).parents[1] / "data"
-LOG, REFERENCE = DATA / "fr101-excerpt.clf.gz", DATA / "fr101-excerpt.reference.tum"
+from tests.experiments.excerpt import LOG, REFERENCE, read_twice, scans, steps
 
 
 @pytest.fixture(scope="module")
@@ -22,24 +17,10 @@ def log():
     return read_log(LOG)
 
 
-def scans(log):
-    return [record.scan for record in log.records if record.scan is not None]
-
-
-def steps(log):
-    poses = [record.T_odom_base for record in log.records]
-    return np.array([(a.inverse() @ b).as_array() for a, b in pairwise(poses)])
-
-
 def changed(log, words, seed=3):
     """By the one change of this name, read twice."""
     change = (SENSORS | BACKWARDS)[words]
-    result = change(log, np.random.default_rng(seed))
-    first, again = (np.concatenate([scan.ranges_m for scan in scans(result)]) for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    assert len(scans(result)) == result.scan_count
-    assert len(list(result.records)) == len(result.records)
-    return result
+    return read_twice(change(log, np.random.default_rng(seed)))
 
 
 def test_other_lasers_have_fewer_beams_a_narrower_fan_or_see_less_far(log):

@@ -335,7 +335,7 @@ def looked(scans, ahead_m, facing=(-1.0, 0.0), first_m=None, half_m=0.05, turned
     (0.0125, 0.25, 0), (0.0125, 0.05, 1), (0.05, 0.25, 1),
 ])  # fmt: skip
 def test_beams_to_either_side_of_a_thin_leg_do_not_pass_through_it(half_m, turned_deg, passed):
-    # of the legs of chairs, 2.5 cm thin, lasers with a beam each degree or half had lost most
+    # of the legs of chairs, 2.6 cm thin, lasers with a beam each degree or half had lost most
     counts = looked([[9.0] * 9], 3.0, half_m=half_m, turned_deg=turned_deg)
     assert counts[0, PASSED] == passed
 
