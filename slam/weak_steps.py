@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -21,8 +22,11 @@ squared, by as noisy as they show elsewhere, beyond which one of the two is wron
 with three degrees of freedom. Chosen: of scans 2 to 3 m apart in the corridors of aces, some that fit by
 0.66 to 0.77 were 0.3 to 0.5 m off; beside people in the door of place_fig6, where wheels are a tenth as
 noisy as they say, one that fits by 0.87 was 7 cm off."""
+_STAYED, _LOST_M = (math.inf, 80.0), 0.15
+"""The same of scans that have the robot go less far than wheels drove it, by more than so much [m]: somebody may
+have walked ahead."""
 
-
+_NO_WAY_M = 1e-6
 _LEAST_NOISE = 0.01
 """Variance of wheels, as a share of what they are told to have. Chosen: none are as good as their ticks."""
 
@@ -80,6 +84,14 @@ def loosened(
             continue
         apart = (one.T_before.inverse() @ by_wheels.motion).log()
         squared = apart @ inverse_of(noise * by_wheels.covariance) @ apart
-        if any(inlier_ratios[k] < fit and squared > most for fit, most in _WEAK):
+        limits = (*_WEAK, _STAYED) if _way_lost_m(one, by_wheels) > _LOST_M else _WEAK
+        if any(inlier_ratios[k] < fit and squared > most for fit, most in limits):
             found[k] = replace(one, covariance=one.covariance + np.outer(apart, apart))
     return found
+
+
+def _way_lost_m(keyframe: Keyframe, by_wheels: ToldStep) -> float:
+    """How much less far the robot went to a keyframe than wheels drove it."""
+    way, made = by_wheels.motion, keyframe.T_before
+    way_m = math.hypot(way.x, way.y)
+    return way_m - (made.x * way.x + made.y * way.y) / max(way_m, _NO_WAY_M)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 
 _DOOR_M, _RECESS_M = 0.95, 0.15
 _TRIES = 5000
@@ -84,6 +86,43 @@ def offices(rng: np.random.Generator, length_m: tuple[float, float]) -> Plan:
     return Plan(np.concatenate(walls), np.array([*way, *way[:1], (length - 1.0, across / 2.0)]))
 
 
+def blocks(rng: np.random.Generator) -> Plan:
+    """Corridors between blocks, as streets: driven round all of them, then each at least once, which
+    closes loops within loops."""
+    columns, rows = int(rng.integers(2, 5)), int(rng.integers(2, 4))
+    across = rng.uniform(1.8, 3.0)
+    lefts = np.cumsum([0.0, *(across + rng.uniform(15.0, 60.0, columns))])
+    lows = np.cumsum([0.0, *(across + rng.uniform(12.0, 45.0, rows))])
+    outer = rectangle(0.0, 0.0, lefts[-1] + across, lows[-1] + across)
+    sides = [(outer[k], outer[(k + 1) % 4], _OUT[k]) for k in range(4)]
+    for left, right in pairwise(lefts):
+        for low, high in pairwise(lows):
+            inner = rectangle(left + across, low + across, right, high)
+            sides += [(inner[k], inner[(k + 1) % 4], -_OUT[k]) for k in range(4)]
+    walls = [_with_doors(rng, *side, is_bare=rng.random() < 0.2) for side in sides]
+    crossings = _round_blocks(rng, columns, rows)
+    middle = np.column_stack([lefts[crossings[:, 0]], lows[crossings[:, 1]]]) + across / 2.0
+    return Plan(np.concatenate(walls), middle)
+
+
+def _round_blocks(rng: np.random.Generator, columns: int, rows: int) -> IntArray:
+    """(C, 2) crossings, by column and row, of a way round all blocks and then by each street between
+    two of them: at each crossing by the one least driven so far, and never straight back."""
+    way = [(column, 0) for column in range(columns)] + [(columns, row) for row in range(rows)]
+    way += [(columns - column, rows) for column in range(columns)]
+    way += [(0, rows - row) for row in range(rows + 1)]
+    driven = Counter(frozenset(street) for street in pairwise(way))
+    streets = 2 * columns * rows + columns + rows
+    while len(driven) < streets:
+        column, row = way[-1]
+        ways = [(column + x, row + y) for x, y in ((1, 0), (0, 1), (-1, 0), (0, -1))]
+        ways = [(x, y) for x, y in ways if 0 <= x <= columns and 0 <= y <= rows]
+        ways = [ways[k] for k in rng.permutation(len(ways)) if ways[k] != way[-2]]
+        way.append(min(ways, key=lambda to: driven[frozenset((way[-1], to))]))
+        driven[frozenset(way[-2:])] += 1
+    return np.array(way)
+
+
 def hall(rng: np.random.Generator) -> Plan:
     """One large room with boxes in it, driven to and fro among them."""
     length, width = rng.uniform(20.0, 50.0), rng.uniform(15.0, 40.0)
@@ -129,6 +168,7 @@ PLANS: dict[str, Callable[[np.random.Generator], Plan]] = {
     "large offices": lambda rng: offices(rng, (60.0, 100.0)),
     "hall with boxes": hall,
     "trees and houses": park,
+    "blocks": blocks,
 }
 
 

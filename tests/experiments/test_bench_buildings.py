@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from experiments.bench import buildings
-from experiments.bench.building_plans import PLANS
+from experiments.bench.building_plans import PLANS, blocks
 from experiments.bench.buildings import ODOMETRY, simulated
 from experiments.bench.drive_troubles import walkers
 from experiments.bench.map_end import MapEnd
@@ -48,6 +48,20 @@ def test_way_leads_through_no_wall(name):
     others = PLANS[name](np.random.default_rng(seed))
     assert np.array_equal(plan.walls, others.walls)
     assert np.array_equal(plan.way, others.way)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_way_leads_round_the_blocks_and_then_by_each_street_between_them(seed):
+    way = blocks(np.random.default_rng(seed)).way
+    lefts, lows = np.unique(way[:, 0]), np.unique(way[:, 1])
+    streets = [frozenset(map(tuple, street)) for street in pairwise(way)]
+    columns, rows = len(lefts) - 1, len(lows) - 1
+    assert len(set(streets)) == columns * (rows + 1) + rows * (columns + 1)
+    assert all(one != other for one, other in pairwise(streets))  # never straight back
+    around = way[: 2 * (columns + rows) + 1]
+    assert np.array_equal(around[0], around[-1])
+    is_outside = (around == way.min(axis=0)) | (around == way.max(axis=0))
+    assert is_outside.any(axis=1).all()
 
 
 @pytest.mark.parametrize("odometry", ODOMETRY)

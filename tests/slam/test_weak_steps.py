@@ -17,7 +17,7 @@ from slam.weak_steps import WeakSteps, loosened
 from tests.slam import ring
 
 COUNT, AT = 8, 5
-STEP, SHORT = SE2(2.0, 0.0, 0.1), SE2(1.5, 0.0, 0.1)
+STEP, SHORT, LONG = SE2(2.0, 0.0, 0.1), SE2(1.5, 0.0, 0.1), SE2(2.5, 0.0, 0.1)
 SURE, WHEELS = np.diag([1e-4, 1e-4, 1e-4]), np.diag(np.square([0.1, 0.1, 0.05]))
 
 
@@ -32,11 +32,12 @@ def changed(
     is_break: bool = False,
     told: ToldStep | None = None,
     count: int = COUNT,
+    T_seen: SE2 = SHORT,
 ) -> dict[int, Keyframe]:
     """The keyframes that are less sure than before: of a scan that fell short of the wheels by half a
-    metre."""
+    metre, or was elsewhere."""
     keyframes = [keyframe_of(STEP) for _ in range(COUNT)]
-    keyframes[AT] = keyframe_of(SHORT, is_break)
+    keyframes[AT] = keyframe_of(T_seen, is_break)
     steps = [ToldStep(STEP, WHEELS)] * COUNT
     steps[AT] = told or steps[AT]
     fits = {k: fit if k == AT else 1.0 for k in range(COUNT)}
@@ -63,7 +64,25 @@ def test_wheels_that_are_better_than_they_say_are_sooner_believed():
     # place_fig6, beside people in its door: 7 cm off by a scan that fits by 0.87
     assert changed(fit=0.87) == {}
     assert list(changed(fit=0.87, noise=0.1)) == [AT]
-    assert changed(fit=0.92, noise=0.01) == {}
+    assert changed(fit=0.92, noise=0.01, T_seen=LONG) == {}
+
+
+def test_nobody_knows_whether_wheels_slipped_or_somebody_walked_ahead():
+    """Of a robot that fell short of its wheels, however well its scan fits; offices with people, 0.61 m off and good."""
+    assert list(changed(fit=1.0, noise=0.1)) == [AT]
+    backwards = by_wheels(SE2(-2.0, 0.0, 0.1))
+    assert list(changed(fit=1.0, noise=0.1, told=backwards, T_seen=SE2(-1.5, 0.0, 0.1))) == [AT]
+    assert changed(fit=1.0, noise=0.1, told=backwards, T_seen=SE2(-2.5, 0.0, 0.1)) == {}
+    # that wheels tell less than scans show is of odometry that is late
+    assert changed(fit=1.0, noise=0.1, T_seen=LONG) == {}
+    assert changed(fit=1.0, noise=0.1, told=by_wheels(SE2.identity())) == {}
+    # neither is by which nobody comes to harm
+    assert changed(fit=1.0, noise=0.001, T_seen=SE2(1.88, 0.0, 0.1)) == {}
+    assert changed(fit=1.0, noise=1.0) == {}
+
+
+def by_wheels(motion: SE2) -> ToldStep:
+    return ToldStep(motion, WHEELS)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +108,7 @@ def test_bad_fits_that_wheels_bear_out_are_as_sure_as_they_are():
 
 
 def weak_steps_of(count: int = 16, off_m: float = 0.5) -> tuple[KeyframeGraph, SimpleNamespace]:
-    """A graph of keyframes, one of them so much short of wheels that agree with all others, and what is
+    """A graph of keyframes, one of them so much short of wheels, or beyond them, that agree with all others, and what is
     asked of a front end."""
     keyframes = [keyframe_of(STEP) for _ in range(count)]
     keyframes[AT] = keyframe_of(SE2(STEP.x - off_m, STEP.y, STEP.theta))
@@ -121,7 +140,8 @@ def loose_in(graph: KeyframeGraph) -> list[int]:
         (16, 0.7, 0.5, [AT]),
         (16, 0.87, 0.5, [AT]),  # by wheels that are a tenth as noisy as they say
         (16, 0.7, 0.02, []),  # but none are better than that
-        (16, 0.95, 0.5, []),
+        (16, 0.95, -0.5, []),
+        (16, 0.95, 0.5, [AT]),  # somebody may have walked ahead
         (10, 0.7, 0.5, []),  # nine steps do not show how noisy they are
     ],
 )
@@ -134,7 +154,7 @@ def test_wheels_are_asked_by_as_noisy_as_they_show(count, fit, off_m, loose):
 @pytest.mark.parametrize("count", [11, 16])
 def test_whoever_asks_again_hears_the_same(count):
     # ten steps are just enough to show how noisy wheels are
-    graph, front_end = weak_steps_of(count)
+    graph, front_end = weak_steps_of(count, -0.5)
     weak_steps, steps = WeakSteps(), fitting(count, 0.7)
     weak_steps.loosen(graph, front_end, steps)
     first = graph.keyframes[AT].covariance
