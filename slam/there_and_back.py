@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import accumulate, pairwise
 
+import numpy as np
+
 from slam.arrays import FloatArray
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import Keyframe
@@ -90,7 +92,9 @@ def put_on_the_way(
             is_broken = any(keyframes[at].is_break for at in range(k, k + run))
             later = slice(k + run - first + 1, k + run - first + 1 + _LATER)
             is_late = _disagree(moved[k + run : k + run + 1 + _LATER], told[later])
-            way = None if is_broken or is_late else _way(moved[k - 2 : k + run + 1], steps)
+            near = slice(k - 2, k + run + 1)
+            times_s = [one.time_s for one in keyframes[near]]
+            way = None if is_broken or is_late else _way(moved[near], steps, times_s)
             if way is None:
                 continue
             for at, (motion, step) in enumerate(zip(way, steps[1:], strict=True), start=k):
@@ -106,10 +110,12 @@ def put_on_the_way(
     return found, kept, moved, strays
 
 
-def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
+def _way(
+    poses: FloatArray, steps: Sequence[ToldStep], times_s: Sequence[float]
+) -> list[SE2] | None:
     """The motions of all steps but the first, as wheels tell them, each changed by its share so that they
     end at the last pose; None if wheels lead elsewhere, or not aside of all poses in between, or are no
-    smoother than these. poses: (N + 1, 3), of which steps (N) lead from one to the next."""
+    smoother than these. poses, times_s: (N + 1, 3) and (N + 1), of which steps (N) lead from one to the next."""
     if any(
         step.is_guess or step.motion.is_near(SE2.identity(), _SILENT_M, math.inf) for step in steps
     ):
@@ -126,8 +132,10 @@ def _way(poses: FloatArray, steps: Sequence[ToldStep]) -> list[SE2] | None:
         and ToldStep.of(way[: count + 1]).squared(T_before, other) > _TRUST
         for count, (one, other) in enumerate(zip(T_way, aside, strict=True))
     )
-    by_wheels = _unevenness_m([step.motion for step in steps])
-    return motions if is_aside and by_wheels < _SMOOTHER * _unevenness_m(_motions(poses)) else None
+    by_wheels, seen = (
+        _unevenness_m(ways, times_s) for ways in ([step.motion for step in steps], _motions(poses))
+    )
+    return motions if is_aside and by_wheels < _SMOOTHER * seen else None
 
 
 def _disagree(poses: FloatArray, told: Sequence[ToldStep]) -> bool:
@@ -143,6 +151,15 @@ def _motions(poses: FloatArray) -> list[SE2]:
     return [one.inverse() @ other for one, other in pairwise(placed)]
 
 
-def _unevenness_m(motions: Sequence[SE2]) -> float:
-    """By how much motions differ, each from the one before, added up."""
-    return sum(apart_m(one, other) for one, other in pairwise(motions))
+def _unevenness_m(motions: Sequence[SE2], times_s: Sequence[float]) -> float:
+    """By how much motions (N) differ, each from the one before, added up, had each taken as long as they do in
+    the mean. times_s: (N + 1) at their ends; of stamps that stand or go back they all took as long."""
+    durations_s = np.diff(times_s)
+    shares = (
+        durations_s / durations_s.mean() if (durations_s > 0.0).all() else np.ones(len(motions))
+    )
+    even = [
+        SE2(one.x / share, one.y / share, one.theta)
+        for one, share in zip(motions, shares.tolist(), strict=True)
+    ]
+    return sum(apart_m(one, other) for one, other in pairwise(even))

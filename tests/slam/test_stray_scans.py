@@ -49,9 +49,12 @@ def put_aside(step: FrontEndStep, aside: SE2) -> FrontEndStep:
     )
 
 
+@pytest.mark.parametrize("is_open", [False, True])
 @pytest.mark.parametrize("strays", [(4,), (7, 8, 9)])
-def test_strays_are_put_back_where_the_wheels_went(strays):
+def test_strays_are_put_back_where_the_wheels_went(strays, is_open):
+    # one that leaves the way open lies where wheels led from the one before, which somebody had drawn aside
     right, told, poses = drive()
+    right = [replace(one, is_open=is_open) for one in right]
     steps = [
         put_aside(one, SE2(-0.6, 0.1, 0.0)) if at in strays else one for at, one in enumerate(right)
     ]
@@ -108,14 +111,14 @@ def test_scan_put_back_takes_what_it_saw_along():
 
 
 @pytest.mark.parametrize(
-    "kind", ["near", "open", "carried", "wheels wrong", "wheels untold", "noisy", "no keyframe after", "before"]
+    "kind", ["near", "near and open", "carried", "wheels wrong", "wheels untold", "noisy", "no keyframe after", "before"]
 )  # fmt: skip
 def test_scans_are_left_where_wheels_tell_no_better(kind):
     steps, told, poses = drive()
     at = {"no keyframe after": 11, "before": 1}.get(kind, 4)
-    steps[at] = put_aside(steps[at], SE2(0.15 if kind == "near" else 0.6, 0.0, 0.0))
+    steps[at] = put_aside(steps[at], SE2(0.15 if "near" in kind else 0.6, 0.0, 0.0))
     wheel_scale = WheelScale()
-    if kind == "open":
+    if kind == "near and open":
         steps[at] = replace(steps[at], is_open=True)
     elif kind == "carried":
         steps[at] = replace(steps[at], status=StepStatus.CARRIED)

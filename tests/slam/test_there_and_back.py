@@ -71,6 +71,26 @@ def test_whoever_lies_aside_for_a_moment_is_put_where_wheels_lead(run, off, is_l
         assert (np.diag(found[k].covariance) >= 0.1 * np.diag(SURE)).all()  # wheels tell it now
 
 
+def test_keyframes_each_after_another_time_are_of_a_drive_as_even():
+    """Trees among which somebody walked: 0.56 m aside, and failed, since the next keyframe was twice as far."""
+    far = range(AT - 6, AT + 9, 3)  # steps to these are three times as long
+    lengths = [3.0 if k in far else 1.0 for k in range(COUNT)]
+    steps = [ToldStep(SE2.exp(length * STEP.log()), SURE) for length in lengths]
+    times_s = np.cumsum(lengths).tolist()
+    keyframes = [
+        replace(one, time_s=time_s) for one, time_s in zip(KEYFRAMES, times_s, strict=True)
+    ]
+    poses = [SE2.identity()]
+    for step in steps[1:]:
+        poses.append(poses[-1] @ step.motion)
+    poses[AT] = poses[AT] @ SE2(0.6, 0.0, 0.0)
+    drawn = np.array([pose.as_array() for pose in poses])
+    assert put_on_the_way(keyframes, [], drawn, steps)[-1] == [AT]
+    # stamps that stand say nothing of how long a step took
+    stands = [replace(one, time_s=0.0) for one in keyframes]
+    assert put_on_the_way(stands, [], drawn, steps)[-1] == []
+
+
 def test_those_that_fit_elsewhere_and_those_aside_are_put_back_on_the_solved_graph(monkeypatch):
     class Graph:
         keyframes, loops, poses, renewed = KEYFRAMES, [loop(3, 20)], way(), None
