@@ -33,7 +33,7 @@ from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step
 from slam.there_and_back import put_strays_back
 from slam.weak_steps import WeakSteps
-from slam.wheels_borne_out import believe_where_borne_out, told_to_keyframes
+from slam.wheels_borne_out import believe_where_borne_out, shown_noise, told_to_keyframes
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan
@@ -241,8 +241,10 @@ class Mapper:
         first_step = self._session.first_step
         placed = smoothed(self._steps, runs, first_step, keyframes, poses)
         wheel_scale = self._front_end.wheel_scale
+        is_doubted, told = self.config.is_odometry_doubted, self._front_end.told_steps
+        noise = None if is_doubted else shown_noise(keyframes, poses, told, least=0.0)
         steps = with_scans_put_back(
-            placed, first_step, self._told, wheel_scale, poses, self.config.is_odometry_doubted
+            placed, first_step, self._told, wheel_scale, poses, is_doubted, noise
         )
         strayed = {
             one.T_keyframe_base

@@ -51,10 +51,6 @@ others met. Chosen: in a mine, between rough walls, of which half the beams come
 _SHORT_M = 0.3
 """Of the wheels since the last scan; after more, people are asked of where a scan is farther off than wheels are.
 Chosen: with a scan each metre, wheels off by a third of that were believed rather than right scans."""
-_FACING, _THING_M = 0.7, 0.75
-"""Cosine to the way of what faces it, and how far about its middle a thing reaches, as a cart or two people. Chosen."""
-_ONE = 0.05, 0.02
-"""[m], [rad] within which a scan without one thing lies where it does with it. Chosen."""
 
 
 class SeenBefore:
@@ -177,11 +173,6 @@ class PeopleAlong:
         is_clean = alone.cost < CLEAN or told.way_m > _SHORT_M
         if is_turned or not is_clean or not since.is_denying(alone, _DRAWN[1]):
             return False
-        if told.goes_back(alone.T_map_base) and not is_told_by_more(
-            self._surfaces, points, alone, since.T_map_base, alone.T_map_base,
-            self._config.least_facing,
-        ):  # fmt: skip
-            return True
         before = SeenBefore(self._keyframes, points, beams, self._config)
         return before.are_people(alone, since.T_map_base)
 
@@ -194,28 +185,6 @@ class PeopleAlong:
         way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
         along = np.outer(way, way) / float(way @ since.covariance @ way)
         return self._surfaces.match(points, T, T, along, pull=share)
-
-
-def is_told_by_more(
-    surfaces: SurfaceMap,
-    points: FloatArray,
-    alone: SurfaceMatch,
-    T_led: SE2,
-    T_start: SE2,
-    least_facing: float,
-) -> bool:
-    """Whether faced points (N, 3), matched from a start, lie where they did elsewhere than wheels led, without the
-    one thing as well that most of what faces the way from there is of: that may have stood until now."""
-    off = alone.T_map_base.inverse() @ T_led
-    facing = np.cos(points[:, 2] - math.atan2(off.y, off.x))
-    across = points[np.abs(facing) > _FACING, :2]
-    if len(across) == 0:
-        return False
-    apart_m = np.hypot(*(across[:, None] - across).T)
-    thing = across[np.argmax((apart_m < _THING_M).sum(axis=0))]
-    rest = points[np.hypot(*(points[:, :2] - thing).T) > _THING_M]
-    again = surfaces.match_alone(rest, T_start)
-    return again.least_facing >= least_facing and again.T_map_base.is_near(alone.T_map_base, *_ONE)
 
 
 def _apart(one: SE2, other: SE2) -> float:

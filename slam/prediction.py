@@ -16,9 +16,6 @@ _GUESS_RAD = 0.3
 _STANDS = 1e-6
 """[m], [rad]: odometry that tells of less tells of nothing."""
 
-_DRIVES_M, _BACK_M = 0.1, 0.05
-"""Way by the wheels, and back by a scan, beyond which it cannot be that the robot made both. Chosen."""
-
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -56,12 +53,6 @@ class Prediction:
         if not (self.is_coasting or self.is_guess):
             return []
         return [self.T_last] if self.other is None else [self.T_last, self.T_last @ self.other]
-
-    def goes_back(self, T_map_base: SE2) -> bool:
-        """Whether the robot would have gone back to a pose while wheels drove it on: where they slip, it stands."""
-        way, made = (self.T_last.inverse() @ T for T in (self.T_map_base, T_map_base))
-        along_m = (made.x * way.x + made.y * way.y) / max(self.way_m, _STANDS)
-        return self.way_m >= _DRIVES_M and along_m <= -_BACK_M
 
     def is_denying(self, match: SurfaceMatch, most: float) -> bool:
         """Whether the wheels, as noisy as they show, deny a match by more than so much of their normalised

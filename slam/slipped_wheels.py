@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+
+import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import Keyframe
 from slam.open_matches import LITTLE
-from slam.people_along import CLEAN, MOST_FACING, SeenBefore, is_told_by_more
+from slam.people_along import CLEAN, MOST_FACING, SeenBefore
 from slam.prediction import Prediction
 from slam.still_scans import StillScans
 from slam.surface_map import SurfaceMap, SurfaceMatch
@@ -31,6 +34,8 @@ _NO_WAY_M = 0.02
 """Wheels that tell of less all at once, of a robot that drives on, did not slip: they tell of it at the next scan.
 Chosen: of drives by odometry told at each second scan 15 of 24 were right and good, and nine without this; asked of all
 wheels that stand, those that tell late of a start were worse."""
+_FACING, _THING_M = 0.7, 0.75
+"""Cosine to the way of what faces it, and how far about its middle a thing reaches, as a cart or two people. Chosen."""
 
 
 class SlippedWheels:
@@ -91,11 +96,22 @@ class SlippedWheels:
             return None
         other = self._surfaces.match_alone(points, told.T_last)
         is_one = other.T_map_base.is_near(alone.T_map_base, *_STILL)
-        is_told = is_one and is_told_by_more(
-            self._surfaces, points, alone, led.T_map_base, led.T_map_base,
-            self._config.least_facing,
-        )  # fmt: skip
-        return alone if is_told else None
+        return alone if is_one and self._is_told_by_more(points, alone, led) else None
+
+    def _is_told_by_more(self, points: FloatArray, alone: SurfaceMatch, led: SurfaceMatch) -> bool:
+        """Whether a scan lies there as well without the one thing that most of what faces the way is of: that
+        may have stood until now."""
+        off = alone.T_map_base.inverse() @ led.T_map_base
+        facing = np.cos(points[:, 2] - math.atan2(off.y, off.x))
+        across = self._surfaces.thinned(points[np.abs(facing) > _FACING, :2])
+        if len(across) == 0:
+            return False
+        apart_m = np.hypot(*(across[:, None] - across).T)
+        thing = across[np.argmax((apart_m < _THING_M).sum(axis=0))]
+        rest = points[np.hypot(*(points[:, :2] - thing).T) > _THING_M]
+        again = self._surfaces.match_alone(rest, led.T_map_base)
+        is_told = again.least_facing >= self._config.least_facing
+        return is_told and again.T_map_base.is_near(alone.T_map_base, *_STILL)
 
     def _is_known(self, told: Prediction) -> bool:
         """Whether the last keyframes know the place, and the wheels something of the way."""

@@ -23,8 +23,11 @@ from slam.wheel_scale import WheelScale
 _TRUST = 20.0
 """Of normalised errors squared, as in `FrontEndConfig`: the wheels' from one keyframe to the next, up to
 which they say where the robot was between them, and a scan's beside that, beyond which it strayed."""
-_LEAST_M = 0.2
-"""Off the way; nearer scans are as good as they are. Chosen, as in `StrayConfig`."""
+_LEAST_M = 0.1
+"""Off the way; nearer scans are as good as they are. Chosen: in the door of place_fig6, beside people, nine scans
+in a row were up to 0.21 m off and looked through what stands there."""
+_LEAST_NOISE = 0.1
+"""Of wheels; chosen: over a short way they are hardly as good as over a long one."""
 
 
 def with_scans_put_back(
@@ -34,6 +37,7 @@ def with_scans_put_back(
     wheel_scale: WheelScale,
     poses: FloatArray,
     is_doubted: bool = False,
+    noise: float | None = None,
 ) -> list[FrontEndStep]:
     """All steps, those of the last session that had strayed on the way between their keyframes.
 
@@ -41,8 +45,10 @@ def with_scans_put_back(
     put there as well.
 
     first_step: with which the session begins; told: the motion by the wheels to each of its scans,
-    from the one before. poses: (K, 3) of the keyframes [m, rad].
+    from the one before. poses: (K, 3) of the keyframes [m, rad]. noise: variance of the wheels, as a
+    multiple of what was told; None: as `WheelScale` learnt it.
     """
+    noise = wheel_scale.noise if noise is None else max(noise, _LEAST_NOISE)
     moved = list(steps)
     ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
     for start, end in pairwise(ends):
@@ -50,7 +56,7 @@ def with_scans_put_back(
             continue
         before, after = (SE2.from_array(poses[steps[at].keyframe]) for at in (start, end))
         step_told = told[start + 1 - first_step : end + 1 - first_step]
-        way = _Way.told(step_told, wheel_scale, before.inverse() @ after)
+        way = _Way.told(step_told, wheel_scale, noise, before.inverse() @ after)
         if way is None:
             continue
         for at, T_way in enumerate(way.poses, start=start + 1):
@@ -75,14 +81,16 @@ class _Way:
     covariance: FloatArray
 
     @staticmethod
-    def told(steps: Sequence[ToldStep], wheel_scale: WheelScale, T_end: SE2) -> _Way | None:
+    def told(
+        steps: Sequence[ToldStep], wheel_scale: WheelScale, noise: float, T_end: SE2
+    ) -> _Way | None:
         """Ends where it should, by as much as it gets less sure on the way; None where wheels are off
         by more than they should be, or told nothing. They may have jumped, once."""
         if sum(step.is_guess for step in steps) > 1:
             return None
         scaled = [replace(step, motion=wheel_scale.scaled(step.motion)) for step in steps]
         way = ToldStep.of(scaled)
-        covariance = wheel_scale.noise * way.covariance
+        covariance = noise * way.covariance
         off = (way.motion.inverse() @ T_end).log()
         if off @ inverse_of(covariance) @ off > _TRUST:
             return None

@@ -132,10 +132,13 @@ def _way(
         and ToldStep.of(way[: count + 1]).squared(T_before, other) > _TRUST
         for count, (one, other) in enumerate(zip(T_way, aside, strict=True))
     )
-    by_wheels, seen = (
-        _unevenness_m(ways, times_s) for ways in ([step.motion for step in steps], _motions(poses))
+    by_wheels = [step.motion for step in steps]
+    is_smoother = any(
+        _unevenness_m(by_wheels, durations_s)
+        < _SMOOTHER * _unevenness_m(_motions(poses), durations_s)
+        for durations_s in (np.ones(len(steps)), np.diff(times_s))
     )
-    return motions if is_aside and by_wheels < _SMOOTHER * seen else None
+    return motions if is_aside and is_smoother else None
 
 
 def _disagree(poses: FloatArray, told: Sequence[ToldStep]) -> bool:
@@ -151,15 +154,14 @@ def _motions(poses: FloatArray) -> list[SE2]:
     return [one.inverse() @ other for one, other in pairwise(placed)]
 
 
-def _unevenness_m(motions: Sequence[SE2], times_s: Sequence[float]) -> float:
+def _unevenness_m(motions: Sequence[SE2], durations_s: FloatArray) -> float:
     """By how much motions (N) differ, each from the one before, added up, had each taken as long as they do in
-    the mean. times_s: (N + 1) at their ends; of stamps that stand or go back they all took as long."""
-    durations_s = np.diff(times_s)
-    shares = (
-        durations_s / durations_s.mean() if (durations_s > 0.0).all() else np.ones(len(motions))
-    )
+    the mean. durations_s: (N) that they took; of stamps that stand or go back nothing is known."""
+    if not (durations_s > 0.0).all():
+        return math.inf
+    shares = (durations_s / durations_s.mean()).tolist()
     even = [
         SE2(one.x / share, one.y / share, one.theta)
-        for one, share in zip(motions, shares.tolist(), strict=True)
+        for one, share in zip(motions, shares, strict=True)
     ]
     return sum(apart_m(one, other) for one, other in pairwise(even))

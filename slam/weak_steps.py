@@ -1,9 +1,10 @@
-"""Steps to scans that fit badly, where wheels led elsewhere: nobody knows which of the two is right."""
+"""Steps to scans that fit badly, or stayed behind, where wheels led elsewhere: nobody knows which of the two is
+right, but loops may."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from slam.front_end import FrontEnd
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe
+from slam.se2 import SE2
 from slam.strays import ToldStep
 from slam.wheels_borne_out import shown_noise
 
@@ -22,10 +24,12 @@ squared, by as noisy as they show elsewhere, beyond which one of the two is wron
 with three degrees of freedom. Chosen: of scans 2 to 3 m apart in the corridors of aces, some that fit by
 0.66 to 0.77 were 0.3 to 0.5 m off; beside people in the door of place_fig6, where wheels are a tenth as
 noisy as they say, one that fits by 0.87 was 7 cm off."""
-_STAYED, _LOST_M = (math.inf, 80.0), 0.15
-"""The same of scans that have the robot go less far than wheels drove it, by more than so much [m]: somebody may
-have walked ahead."""
-
+_STAYED, _LOST_M = 80.0, 0.15
+"""The normalised error squared of scans that have the robot go less far than wheels drove it, by more than so much [m]: these spun, or
+somebody walked ahead. Chosen."""
+_BORNE_OUT = 0.5, 1.5
+"""Share of what such a step is short of the wheels, by which loops lengthen it, if these are right: those that it does
+not matter to say nothing of it. Chosen."""
 _NO_WAY_M = 1e-6
 _LEAST_NOISE = 0.01
 """Variance of wheels, as a share of what they are told to have. Chosen: none are as good as their ticks."""
@@ -41,14 +45,29 @@ class WeakSteps:
     def loosen(
         self, graph: KeyframeGraph, front_end: FrontEnd, steps: Sequence[FrontEndStep]
     ) -> None:
-        """Has loops say where the steps of a graph's last session led to scans that fit badly, and where
-        the wheels did not lead. steps: of all scans."""
+        """Has loops say where the steps of a graph's last session led to scans that fit badly, or stayed behind,
+        and where the wheels did not lead. steps: of all scans."""
         told, before = front_end.told_steps, self._tightened(graph.keyframes)
         noise = shown_noise(before, graph.poses, told, least=_LEAST_NOISE)
         if noise is None:
             return
         fits = {step.keyframe: step.inlier_ratio for step in steps if step.is_keyframe}
         keyframes = loosened(before, told, fits, noise)
+        stayed = stayed_behind(before, told, noise) if graph.loops else {}
+        stayed = {k: apart for k, apart in stayed.items() if keyframes[k] is before[k]}
+        if stayed:
+            poses, loose = graph.poses.copy(), _loosened(keyframes, stayed)
+            graph.renew(loose, graph.loops, poses)
+            solved = graph.solve().poses
+            borne_out = {
+                k: apart
+                for k, apart in stayed.items()
+                if _BORNE_OUT[0]
+                < _share(keyframes[k], solved[k - 1 : k + 1], apart)
+                < _BORNE_OUT[1]
+            }
+            keyframes = _loosened(keyframes, borne_out)
+            graph.set_poses(poses)
         self._said = {
             k: (one.covariance, other.covariance)
             for k, (one, other) in enumerate(zip(keyframes, before, strict=True))
@@ -77,17 +96,54 @@ def loosened(
     inlier_ratios: of these, by their number; noise: variance of the wheels as other scans show it, as a
     multiple of what was told, be it less.
     """
-    found, first = list(keyframes), len(keyframes) - len(told)
+    weak = {
+        k: apart
+        for k, apart, squared in _denied(keyframes, told, noise)
+        if any(inlier_ratios[k] < fit and squared > most for fit, most in _WEAK)
+    }
+    return _loosened(keyframes, weak)
+
+
+def stayed_behind(
+    keyframes: Sequence[Keyframe], told: Sequence[ToldStep], noise: float
+) -> dict[int, FloatArray]:
+    """Keyframes to which the robot went less far than wheels drove it, however well they fit, and where these
+    are from there: (3,) in the Lie algebra [m, m, rad]. told, noise: as in `loosened`."""
+    first = len(keyframes) - len(told)
+    return {
+        k: apart
+        for k, apart, squared in _denied(keyframes, told, noise)
+        if squared > _STAYED and _way_lost_m(keyframes[k], told[k - first]) > _LOST_M
+    }
+
+
+def _denied(
+    keyframes: Sequence[Keyframe], told: Sequence[ToldStep], noise: float
+) -> Iterator[tuple[int, FloatArray, float]]:
+    """Keyframes of which wheels tell something, where these are from there (3,), and their normalised error
+    squared."""
+    first = len(keyframes) - len(told)
     for k in range(first + 1, len(keyframes)):
         one, by_wheels = keyframes[k], told[k - first]
-        if one.is_break or by_wheels.is_guess:
-            continue
-        apart = (one.T_before.inverse() @ by_wheels.motion).log()
-        squared = apart @ inverse_of(noise * by_wheels.covariance) @ apart
-        limits = (*_WEAK, _STAYED) if _way_lost_m(one, by_wheels) > _LOST_M else _WEAK
-        if any(inlier_ratios[k] < fit and squared > most for fit, most in limits):
-            found[k] = replace(one, covariance=one.covariance + np.outer(apart, apart))
+        if not (one.is_break or by_wheels.is_guess):
+            apart = (one.T_before.inverse() @ by_wheels.motion).log()
+            yield k, apart, float(apart @ inverse_of(noise * by_wheels.covariance) @ apart)
+
+
+def _loosened(keyframes: Sequence[Keyframe], apart: Mapping[int, FloatArray]) -> list[Keyframe]:
+    """Keyframes, some of them less sure by how far (3,) something else has them."""
+    found = list(keyframes)
+    for k, off in apart.items():
+        found[k] = replace(found[k], covariance=found[k].covariance + np.outer(off, off))
     return found
+
+
+def _share(keyframe: Keyframe, poses: FloatArray, apart: FloatArray) -> float:
+    """Share of where the wheels are from a keyframe (3,), by which it lies there at poses (2, 3), of the one before
+    and itself."""
+    T_before, T_there = (SE2.from_array(pose) for pose in poses)
+    moved = (keyframe.T_before.inverse() @ T_before.inverse() @ T_there).log()
+    return float(moved[:2] @ apart[:2] / (apart[:2] @ apart[:2]))
 
 
 def _way_lost_m(keyframe: Keyframe, by_wheels: ToldStep) -> float:

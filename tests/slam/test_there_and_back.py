@@ -91,6 +91,14 @@ def test_keyframes_each_after_another_time_are_of_a_drive_as_even():
     assert put_on_the_way(stands, [], drawn, steps)[-1] == []
 
 
+def test_a_robot_that_paused_before_drove_as_evenly():
+    keyframes = [
+        replace(one, time_s=one.time_s + 60.0 * (k >= AT)) for k, one in enumerate(KEYFRAMES)
+    ]
+    drawn = aside([AT], SE2(0.6, 0.0, 0.0))
+    assert put_on_the_way(keyframes, [], drawn, told())[-1] == [AT]
+
+
 def test_those_that_fit_elsewhere_and_those_aside_are_put_back_on_the_solved_graph(monkeypatch):
     class Graph:
         keyframes, loops, poses, renewed = KEYFRAMES, [loop(3, 20)], way(), None
