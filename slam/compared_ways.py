@@ -120,11 +120,11 @@ class ComparedWays:
         return max(median, _LEAST_USUAL)
 
     @property
-    def noise_ratio(self) -> float:
+    def noise_ratio(self) -> float | None:
         """Standard deviation along the way that the wheels show, but for their scale, as a share of
-        what they were told to have; 1 where it is not known."""
+        what they were told to have; None where it is not known."""
         if len(self._pieces) < _LEAST_PIECES:
-            return 1.0
+            return None
         usual = self._usual
         squares_m2 = sum(
             min((one.by_scans_m - usual * one.by_wheels_m) ** 2, _MOST_NIS * one.variance_m2)

@@ -102,7 +102,7 @@ class DriveMonitor:
         return stretch.is_torn or stretch.variance_m2 > self._most_blind_m**2
 
     @property
-    def noise_ratio(self) -> float:
+    def noise_ratio(self) -> float | None:
         """See `ComparedWays`."""
         return self._ways.noise_ratio
 

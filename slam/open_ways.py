@@ -32,14 +32,16 @@ _KNOWN_SIGMA = 1e-3, 1e-3, 1e-4
 """[m, m, rad] of steps of which scans tell enough. Chosen: little, beside what scans leave open."""
 
 
-def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float) -> list[str]:
+def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float | None) -> list[str]:
     """In words, that a map may be too long or short, or wrong in its parts: scans left open how far
     the robot went, and the wheels tell it not well enough. front_end: of its last session;
-    noise_ratio: see `ComparedWays`."""
+    noise_ratio: see `ComparedWays`; of a way too short for it, wheels are as noisy as scan after scan shows."""
     if len(slam_map.keyframes) < 2:
         return []
     most_m = max(_MOST_M, _MOST * float(np.hypot(*np.ptp(slam_map.poses[:, :2], axis=0))))
     scale = front_end.wheel_scale
+    if noise_ratio is None:
+        noise_ratio = math.sqrt(scale.noise)
     longer = _longer(slam_map, front_end.scaled_steps, scale)
     told = _told(slam_map, front_end)
     # one step after the other; loops but lessen it, and most maps need no second look

@@ -52,6 +52,17 @@ def test_map_between_bare_walls_is_as_good_as_its_wheels(noise_m, is_good):
         assert any(said in reason for reason in slam_map.verdict.reasons)
 
 
+@pytest.mark.parametrize(("scale", "is_good"), [(1.0, True), (0.8, False)])
+def test_short_way_by_wheels_that_deny_each_scan_is_not_known(scale, is_good):
+    """15 m of bare walls, of which a laser of 8 m sees one end or the other: a way too short to compare metres of
+    it. 0.5 m off and good."""
+    walls = np.concatenate([room(-6.0, -0.7, 11.0, 0.7), box(-3.0, 0.2, -2.2, 0.7)])
+    poses = [SE2(x, 0.0, 0.0) for x in np.arange(0.0, 9.0, 0.5)]
+    slam_map, off_m = mapped(walls, poses, 0.01, scale, seed=1)
+    assert (off_m < 0.1) is is_good
+    assert slam_map.verdict.is_good is is_good, (off_m, slam_map.verdict.reasons)
+
+
 def test_who_has_no_wheels_is_not_told_what_they_tell():
     """10 m of bare walls, from the middle of which a laser of 8 m sees next to nothing of their ends."""
     mapper, rng = Mapper(SE2.identity()), np.random.default_rng(3)
