@@ -12,6 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
+import numpy as np
+
 from slam.arrays import FloatArray
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import FrontEndStep, StepStatus
@@ -28,6 +30,8 @@ _LEAST_M = 0.1
 in a row were up to 0.21 m off and looked through what stands there."""
 _LEAST_NOISE = 0.1
 """Of wheels; chosen: over a short way they are hardly as good as over a long one."""
+_HALF_WAY = 0.25
+"""Share of the square of what wheels were off at the end of a way, by which half of it is less sure."""
 
 
 def with_scans_put_back(
@@ -74,7 +78,7 @@ def with_scans_put_back(
 class _Way:
     """Of the wheels from one keyframe to the next, but for these; as seen from the first of them.
 
-    covariance: (3, 3) of all of it.
+    covariance: (3, 3) of where it leads, half-way between its ends.
     """
 
     poses: list[SE2]
@@ -90,10 +94,11 @@ class _Way:
             return None
         scaled = [replace(step, motion=wheel_scale.scaled(step.motion)) for step in steps]
         way = ToldStep.of(scaled)
-        covariance = noise * way.covariance
         off = (way.motion.inverse() @ T_end).log()
-        if off @ inverse_of(covariance) @ off > _TRUST:
+        loosely = max(noise, wheel_scale.noise)
+        if off @ inverse_of(loosely * way.covariance) @ off > _TRUST:
             return None
+        covariance = noise * way.covariance + _HALF_WAY * np.outer(off, off)
         motions = tied(scaled, T_end, EXACTLY)
         poses = list(accumulate(motions[:-1], operator.matmul))
         return _Way(poses, covariance)

@@ -102,6 +102,17 @@ def test_wheels_are_asked_by_as_noisy_as_keyframes_show_them(noise, off_m, is_mo
         assert with_scans_put_back(steps, 2, none, WheelScale(), poses, noise=noise)[4] is steps[4]
 
 
+@pytest.mark.parametrize(("off_m", "is_moved"), [(0.6, True), (0.15, False)])
+def test_wheels_led_on_to_a_keyframe_that_lies_aside_as_well(off_m, is_moved):
+    """Somebody who walked ahead, in a large office: 1.36 m off, and failed, since the next keyframe was 0.12 m aside;
+    but nearer than that nobody knows which of the two is right."""
+    steps, told, poses = drive()
+    poses[2] = (SE2.from_array(poses[2]) @ SE2(0.12, 0.0, 0.0)).as_array()
+    steps[5] = put_aside(steps[5], SE2(-off_m, 0.0, 0.0))
+    moved = with_scans_put_back(steps, 2, told, WheelScale(), poses, noise=0.1)
+    assert (moved[5] is not steps[5]) is is_moved
+
+
 def test_scan_put_back_takes_what_it_saw_along():
     """Through the whole mapping: neither pose nor glance stays aside."""
     measurements = ring.drive(ring.way(0.3, 0.1), np.random.default_rng(0), 1.0, 1.0)
