@@ -1,6 +1,7 @@
 """Wheels that spin while the robot stands: a scan looks as one shortly before did."""
 
 import math
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -292,6 +293,22 @@ def test_wheels_that_stood_may_slip_and_those_that_tell_late_of_a_start_are_not_
     before_m, wheels_m
 ):
     assert slipped(before_m=before_m, wheels_m=wheels_m) is not None
+
+
+def test_a_scan_of_thousands_of_points_is_asked_for_one_thing_in_little_room(monkeypatch):
+    # all of 7200 beside one another: 1.4 GB, and 3.6 s for one scan
+    monkeypatch.setattr(SeenBefore, "are_people", lambda *_: False)
+    wall = np.column_stack(
+        [np.full(7200, 2.0), np.linspace(-1.0, 1.0, 7200), np.full(7200, math.pi)]
+    )
+    tracemalloc.start()
+    try:
+        found = slipped(points=wall)
+        _, most_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found is not None
+    assert most_bytes < 50e6
 
 
 def test_people_who_walk_along_are_no_slip(monkeypatch):
