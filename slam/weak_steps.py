@@ -53,21 +53,10 @@ class WeakSteps:
             return
         fits = {step.keyframe: step.inlier_ratio for step in steps if step.is_keyframe}
         keyframes = loosened(before, told, fits, noise)
-        stayed = stayed_behind(before, told, noise) if graph.loops else {}
-        stayed = {k: apart for k, apart in stayed.items() if keyframes[k] is before[k]}
-        if stayed:
-            poses, loose = graph.poses.copy(), _loosened(keyframes, stayed)
-            graph.renew(loose, graph.loops, poses)
-            solved = graph.solve().poses
-            borne_out = {
-                k: apart
-                for k, apart in stayed.items()
-                if _BORNE_OUT[0]
-                < _share(keyframes[k], solved[k - 1 : k + 1], apart)
-                < _BORNE_OUT[1]
-            }
-            keyframes = _loosened(keyframes, borne_out)
-            graph.set_poses(poses)
+        if graph.loops:
+            stayed = stayed_behind(before, told, noise)
+            stayed = {k: apart for k, apart in stayed.items() if keyframes[k] is before[k]}
+            keyframes = _loosened(keyframes, _borne_out(graph, keyframes, stayed))
         self._said = {
             k: (one.covariance, other.covariance)
             for k, (one, other) in enumerate(zip(keyframes, before, strict=True))
@@ -115,6 +104,22 @@ def stayed_behind(
         for k, apart, squared in _denied(keyframes, told, noise)
         if squared > _STAYED and _way_lost_m(keyframes[k], told[k - first]) > _LOST_M
     }
+
+
+def _borne_out(
+    graph: KeyframeGraph, keyframes: list[Keyframe], stayed: Mapping[int, FloatArray]
+) -> dict[int, FloatArray]:
+    """Those of keyframes that stayed behind, and how far (3,), which the loops of a graph put where wheels led as
+    soon as they may; the graph's poses stay."""
+    if not stayed:
+        return {}
+    poses = graph.poses.copy()
+    graph.renew(_loosened(keyframes, stayed), graph.loops, poses)
+    solved = graph.solve().poses
+    graph.set_poses(poses)
+    shares = {k: _share(keyframes[k], solved[k - 1 : k + 1], apart) for k, apart in stayed.items()}
+    least, most = _BORNE_OUT
+    return {k: apart for k, apart in stayed.items() if least < shares[k] < most}
 
 
 def _denied(

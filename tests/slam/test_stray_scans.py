@@ -7,6 +7,7 @@ import pytest
 
 from slam import SE2
 from slam.keyframes import FrontEndStep, StepStatus
+from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep
@@ -111,6 +112,24 @@ def test_wheels_led_on_to_a_keyframe_that_lies_aside_as_well(off_m, is_moved):
     steps[5] = put_aside(steps[5], SE2(-off_m, 0.0, 0.0))
     moved = with_scans_put_back(steps, 2, told, WheelScale(), poses, noise=0.1)
     assert (moved[5] is not steps[5]) is is_moved
+
+
+@pytest.mark.parametrize("is_doubted", [False, True])
+def test_a_map_asks_wheels_as_noisy_as_its_keyframes_show_them(monkeypatch, is_doubted):
+    # of wheels that are better than told; doubted ones have shown nothing
+    asked = []
+
+    def noted(*given):
+        asked.append(given[-1])
+        return with_scans_put_back(*given)
+
+    monkeypatch.setattr("slam.mapping.with_scans_put_back", noted)
+    mapper = Mapper(ring.T_BASE_LASER, MapperConfig(is_odometry_doubted=is_doubted))
+    for measurement in ring.drive(ring.way(0.3)[:60], np.random.default_rng(0), 1.0, 1.0):
+        mapper.update(measurement)
+    mapper.finish()
+    assert asked
+    assert all(noise is None if is_doubted else noise < 0.5 for noise in asked)
 
 
 def test_scan_put_back_takes_what_it_saw_along():
