@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from slam.keyframes import Keyframe
 from slam.se2 import SE2, wrap_angle
 from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 
+_NONE: Set[int] = frozenset()
 _SLIDE = 1.5
 """Of the reach of a search, to its corners and a little on: farther off a match is another place."""
 
@@ -70,13 +71,27 @@ def without_ties(loops: Sequence[Loop]) -> list[Loop]:
 
 
 class LoopCloser:
-    """Proposes and verifies loops among keyframes."""
+    """Proposes and verifies loops among keyframes; doubted: those the steps to which may be wrong, on both sides of which
+    what is seen does not go together."""
 
     def __init__(
         self, config: LoopConfig | None = None, surfaces: SurfaceMapConfig | None = None
     ) -> None:
         self.config = config or LoopConfig()
+        self.doubted: Set[int] = _NONE
         self._surfaces = SurfaceMap(surfaces)
+
+    def undoubted(
+        self, keyframes: Sequence[Keyframe], loops: Sequence[Loop], doubted: Set[int]
+    ) -> list[Loop]:
+        """Loops but those with what was seen on both sides of a step that is doubted: such a one says where the later
+        keyframe is as seen from one of the sides, and nobody knows which."""
+        return [
+            loop
+            for loop in loops
+            if loop.is_tie
+            or doubted.isdisjoint(self._around(keyframes, loop.earlier, loop.later, _NONE)[1:])
+        ]
 
     def found(
         self,
@@ -161,7 +176,7 @@ class LoopCloser:
         loose_m: by how much the earlier one may lie farther along than what is seen around it, which
         shows where the later one lies; as seen from the earlier one, nobody knows that any better.
         """
-        members = self._members(keyframes, earlier, later)
+        members = self._around(keyframes, earlier, later, self.doubted)
         thinned = self._surfaces.thinned
         submap = np.concatenate(
             [moved(SE2.from_array(poses[k]), thinned(keyframes[k].faced)) for k in members]
@@ -191,15 +206,21 @@ class LoopCloser:
             match.inlier_ratio, passed_ratio,
         )  # fmt: skip
 
-    def _members(self, keyframes: Sequence[Keyframe], middle: int, later: int) -> list[int]:
-        """The keyframes around one, none beyond a place where the scans broke off, nor nearer to the later
-        one: where scans are rare it would be compared with itself."""
+    def _around(
+        self, keyframes: Sequence[Keyframe], middle: int, later: int, doubted: Set[int]
+    ) -> range:
+        """The keyframes around one, none beyond a place where the scans broke off or a step that is doubted, nor nearer to
+        the later one: where scans are rare it would be compared with itself."""
         first, last, most = middle, middle, (middle + later) // 2
-        while first > max(0, middle - self.config.half) and not keyframes[first].is_break:
+
+        def is_joined(k: int) -> bool:
+            return not (keyframes[k].is_break or k in doubted)
+
+        while first > max(0, middle - self.config.half) and is_joined(first):
             first -= 1
-        while last < min(most, middle + self.config.half) and not keyframes[last + 1].is_break:
+        while last < min(most, middle + self.config.half) and is_joined(last + 1):
             last += 1
-        return list(range(first, last + 1))
+        return range(first, last + 1)
 
     def _reach(self, sigma: tuple[float, float]) -> tuple[float, float]:
         """How far around the pose told is searched [m], [rad]."""

@@ -155,7 +155,7 @@ class Mapper:
             own = self._steps[self._session.first_step :]
             believe_where_borne_out(self._graph, self._front_end, own, self._told)
         else:
-            self._weak_steps.loosen(self._graph, self._front_end, self._steps)
+            self._weak_steps.loosen(self._graph, self._front_end, self._steps, self._closer)
         self._put_strays_back()
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
@@ -205,6 +205,7 @@ class Mapper:
         before = list(self._graph.loops), self._graph.poses.copy()
         loops = replace(config.loops, least_inlier_ratio=config.patient_inlier_ratio)
         closer = LoopCloser(loops, config.front_end.surfaces)
+        closer.doubted = self._closer.doubted
         for _ in range(config.patient_rounds):
             again = self._finished(closer, 1)
         if again.verdict.doubt < first.doubt:

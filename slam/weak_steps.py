@@ -14,6 +14,7 @@ from slam.front_end import FrontEnd
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe
+from slam.loop_closing import Loop, LoopCloser
 from slam.se2 import SE2
 from slam.strays import ToldStep
 from slam.wheels_borne_out import shown_noise
@@ -43,10 +44,15 @@ class WeakSteps:
         self._said = dict[int, tuple[FloatArray, FloatArray]]()
 
     def loosen(
-        self, graph: KeyframeGraph, front_end: FrontEnd, steps: Sequence[FrontEndStep]
+        self,
+        graph: KeyframeGraph,
+        front_end: FrontEnd,
+        steps: Sequence[FrontEndStep],
+        closer: LoopCloser,
     ) -> None:
         """Has loops say where the steps of a graph's last session led to scans that fit badly, or stayed behind,
-        and where the wheels did not lead. steps: of all scans."""
+        and where the wheels did not lead. steps: of all scans; closer: of the loops, that looks no more at what was
+        seen on both sides of such a step, and whose loops with that are let go."""
         told, before = front_end.told_steps, self._tightened(graph.keyframes)
         noise = shown_noise(before, graph.poses, told, least=_LEAST_NOISE)
         if noise is None:
@@ -56,13 +62,16 @@ class WeakSteps:
         if graph.loops:
             stayed = stayed_behind(before, told, noise)
             stayed = {k: apart for k, apart in stayed.items() if keyframes[k] is before[k]}
-            keyframes = _loosened(keyframes, _borne_out(graph, keyframes, stayed))
+            loops = closer.undoubted(before, graph.loops, stayed.keys())
+            keyframes = _loosened(keyframes, _borne_out(graph, keyframes, loops, stayed))
         self._said = {
             k: (one.covariance, other.covariance)
             for k, (one, other) in enumerate(zip(keyframes, before, strict=True))
             if one is not other
         }
-        graph.renew(keyframes, graph.loops, graph.poses)
+        closer.doubted = self._said.keys()
+        loops = closer.undoubted(keyframes, graph.loops, closer.doubted)
+        graph.renew(keyframes, loops, graph.poses)
 
     def _tightened(self, keyframes: Sequence[Keyframe]) -> list[Keyframe]:
         """Keyframes as sure as they were, but those of which something else is known by now."""
@@ -107,16 +116,19 @@ def stayed_behind(
 
 
 def _borne_out(
-    graph: KeyframeGraph, keyframes: list[Keyframe], stayed: Mapping[int, FloatArray]
+    graph: KeyframeGraph,
+    keyframes: list[Keyframe],
+    loops: list[Loop],
+    stayed: Mapping[int, FloatArray],
 ) -> dict[int, FloatArray]:
-    """Those of keyframes that stayed behind, and how far (3,), which the loops of a graph put where wheels led as
-    soon as they may; the graph's poses stay."""
+    """Those of keyframes that stayed behind, and how far (3,), which loops put where wheels led as soon as
+    they may; the graph stays."""
     if not stayed:
         return {}
-    poses = graph.poses.copy()
-    graph.renew(_loosened(keyframes, stayed), graph.loops, poses)
+    known, poses = graph.loops, graph.poses.copy()
+    graph.renew(_loosened(keyframes, stayed), loops, poses)
     solved = graph.solve().poses
-    graph.set_poses(poses)
+    graph.renew(keyframes, known, poses)
     shares = {k: _share(keyframes[k], solved[k - 1 : k + 1], apart) for k, apart in stayed.items()}
     least, most = _BORNE_OUT
     return {k: apart for k, apart in stayed.items() if least < shares[k] < most}

@@ -1,11 +1,13 @@
 """Loops are told by what was seen before, and not by the scan that closes them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from slam import SE2
 from slam.keyframes import Keyframe
-from slam.loop_closing import LoopCloser
+from slam.loop_closing import Loop, LoopCloser
 from tests.slam.synthetic import box, room
 from tests.slam.test_open_runs import kept
 
@@ -33,3 +35,27 @@ def test_a_scan_that_is_off_is_not_borne_out_by_itself(later):
     loop = LoopCloser().verified(keyframes, poses, 2, later, (0.3, 0.0))
     assert loop is not None
     assert loop.T_earlier_later.is_near(SE2(later - 2.0, 0.0, 0.0), 0.05, 0.01)
+
+
+@pytest.mark.parametrize(("doubted", "off_m"), [(set(), 0.5), ({8}, 0.0)])
+def test_what_is_seen_beyond_a_doubted_step_says_nothing_of_a_loop(doubted, off_m):
+    # the two keyframes after it that see most of what the later one sees: half a metre off, and all of it fits
+    keyframes, poses = seen_each_metre(0.5)
+    keyframes.append(kept(WALLS, SE2(7.4, 0.0, 0.0), np.random.default_rng(4)))
+    poses = np.vstack([poses, [7.4, 0.0, 0.0]])
+    closer = LoopCloser()
+    closer.doubted = doubted
+    loop = closer.verified(keyframes, poses, 7, len(keyframes) - 1, (0.3, 0.0))
+    assert loop is not None
+    assert loop.T_earlier_later.is_near(SE2(0.4 + off_m, 0.0, 0.0), 0.05, 0.01)
+
+
+def test_loops_do_not_span_a_doubted_step_but_ties_do():
+    rng = np.random.default_rng(5)
+    keyframes = [kept(WALLS, SE2(0.1 * k, 0.0, 0.0), rng) for k in range(60)]
+    keyframes[25] = replace(keyframes[25], is_break=True)
+    way = SE2.identity(), np.eye(3), 1.0, 0.0
+    loops = [Loop(earlier, 59, *way) for earlier in (11, 12, 20, 24, 25)]
+    tie = Loop(18, 21, *way, is_tie=True)
+    kept_ones = LoopCloser().undoubted(keyframes, [*loops, tie], {20})
+    assert kept_ones == [loops[0], loops[4], tie]
