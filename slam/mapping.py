@@ -23,6 +23,7 @@ from slam.map_drift import too_far_adrift
 from slam.map_session import MapSession, objections_of_drives
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
+from slam.moved_things import moved_things
 from slam.odometry_jumps import OdometryJumps
 from slam.open_ways import unknown_ways
 from slam.rescaling import chained, rescaled
@@ -162,6 +163,7 @@ class Mapper:
         own = self._steps[self._session.first_step :]
         said += self._jumps.objections(own, self.config.is_odometry_doubted)
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
+        said = said or moved_things(slam_map, self._session.first_step, self.config.front_end)
         if not said:  # what the map itself is failed for, a later session may mend, and this not
             said = unknown_places(
                 slam_map, self._session.first_step, self._told, self._front_end.wheel_scale,
