@@ -6,7 +6,7 @@ late of a way, or somebody moved what stood there. Nobody can tell, and the map 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -62,16 +62,16 @@ def _placed(slam_map: SlamMap, start: int, stop: int) -> list[tuple[Keyframe, SE
     ]
 
 
-def _open_stretches(steps: Sequence[FrontEndStep]) -> Iterator[tuple[int, int]]:
+def _open_stretches(steps: Sequence[FrontEndStep]) -> list[tuple[int, int]]:
     """First and last of keyframes in a row whose scans leave open how far the robot went to them; not the first
     of all."""
-    first = None
-    for step, after in zip(steps[1:], [*steps[2:], None], strict=True):
-        if first is None and step.is_open:
-            first = step.keyframe
-        if first is not None and not (after is not None and after.is_open):
-            yield first, step.keyframe
-            first = None
+    stretches: list[tuple[int, int]] = []
+    for step in steps[1:]:
+        if step.is_open:
+            goes_on = bool(stretches) and stretches[-1][1] == step.keyframe - 1
+            first = stretches.pop()[0] if goes_on else step.keyframe
+            stretches.append((first, step.keyframe))
+    return stretches
 
 
 def _off_m(
