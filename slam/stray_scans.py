@@ -18,7 +18,7 @@ from slam.arrays import FloatArray
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframes import FrontEndStep, StepStatus
 from slam.open_runs import EXACTLY, tied
-from slam.se2 import SE2
+from slam.se2 import SE2, wrap_angle
 from slam.strays import ToldStep
 from slam.wheel_scale import WheelScale
 
@@ -32,6 +32,9 @@ _LEAST_NOISE = 0.1
 """Of wheels; chosen: over a short way they are hardly as good as over a long one."""
 _HALF_WAY = 0.25
 """Share of the square of what wheels were off at the end of a way, by which half of it is less sure."""
+_TURNED, _STEADY = 0.5, 0.15
+"""[rad] by which odometry turned otherwise than scans at one step and no more than at all others, if it jumped there.
+Chosen: of what else may be wrong with a scan, its heading is hardly ever."""
 
 
 def with_scans_put_back(
@@ -60,7 +63,8 @@ def with_scans_put_back(
             continue
         before, after = (SE2.from_array(poses[steps[at].keyframe]) for at in (start, end))
         step_told = told[start + 1 - first_step : end + 1 - first_step]
-        way = _Way.told(step_told, wheel_scale, noise, before.inverse() @ after)
+        seen = [steps[at].T_keyframe_base for at in range(start + 1, end)]
+        way = _Way.told(step_told, wheel_scale, noise, [*seen, before.inverse() @ after])
         if way is None:
             continue
         for at, T_way in enumerate(way.poses, start=start + 1):
@@ -86,22 +90,41 @@ class _Way:
 
     @staticmethod
     def told(
-        steps: Sequence[ToldStep], wheel_scale: WheelScale, noise: float, T_end: SE2
+        steps: Sequence[ToldStep], wheel_scale: WheelScale, noise: float, seen: Sequence[SE2]
     ) -> _Way | None:
-        """Ends where it should, by as much as it gets less sure on the way; None where wheels are off
-        by more than they should be, or told nothing. They may have jumped, once."""
+        """Ends where it should, the last of where its scans were seen, by as much as it gets less sure on the
+        way; None where wheels are off by more than they should be, or told nothing. They may have jumped, once."""
         if sum(step.is_guess for step in steps) > 1:
             return None
         scaled = [replace(step, motion=wheel_scale.scaled(step.motion)) for step in steps]
-        way = ToldStep.of(scaled)
+        way, T_end = ToldStep.of(scaled), seen[-1]
         off = (way.motion.inverse() @ T_end).log()
         loosely = max(noise, wheel_scale.noise)
         if off @ inverse_of(loosely * way.covariance) @ off > _TRUST:
-            return None
+            return _Way._jumped(scaled, noise, seen)
         covariance = noise * way.covariance + _HALF_WAY * np.outer(off, off)
         motions = tied(scaled, T_end, EXACTLY)
         poses = list(accumulate(motions[:-1], operator.matmul))
         return _Way(poses, covariance)
+
+    @staticmethod
+    def _jumped(steps: Sequence[ToldStep], noise: float, seen: Sequence[SE2]) -> _Way | None:
+        """From the start up to the one step at which odometry turned at once, and back from the end to it."""
+        turns = [
+            step.motion.theta - (one.inverse() @ other).theta
+            for step, one, other in zip(steps, [SE2.identity(), *seen], seen, strict=False)
+        ]
+        turned = np.abs(wrap_angle(np.array(turns)))
+        jump = int(np.argmax(turned))
+        if turned[jump] < _TURNED or np.delete(turned, jump).max(initial=0.0) > _STEADY:
+            return None
+        before, after = steps[:jump], steps[jump + 1 :]
+        there = accumulate((step.motion for step in before), operator.matmul)
+        back = accumulate(
+            (step.motion.inverse() for step in reversed(after)), operator.matmul, initial=seen[-1]
+        )
+        poses = [*there, *list(back)[:0:-1]]
+        return _Way(poses, noise * ToldStep.of((*before, *after)).covariance)
 
     def is_off(self, T_way: SE2, T_seen: SE2) -> bool:
         """Whether a scan seen at one pose was rather taken at the one on the way."""

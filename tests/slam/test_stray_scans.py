@@ -155,6 +155,39 @@ def test_scan_put_back_takes_what_it_saw_along():
     assert steps[at].T_keyframe_base not in poses
 
 
+JUMP = MOTION @ SE2(0.0, 0.0, -1.5)
+
+
+@pytest.mark.parametrize("jump", [3, 4, 5, 6])
+@pytest.mark.parametrize("strays", [(), (3,), (4,), (5,), (3, 4, 5)])
+def test_strays_beside_a_jump_of_odometry_are_put_back_from_the_end_that_it_is_not_at(jump, strays):
+    # aces, whose odometry turns by 90 degrees at once between two scans: one 0.76 m off, in a corridor, and good
+    right, told, poses = drive()
+    told[jump - 2] = ToldStep(JUMP, SPREAD)
+    steps = [
+        put_aside(one, SE2(-0.6, 0.1, 0.1)) if at in strays else one for at, one in enumerate(right)
+    ]
+    moved = with_scans_put_back(steps, 2, told, WheelScale(), poses)
+    for at, (one, known) in enumerate(zip(moved, right, strict=True)):
+        assert one.T_keyframe_base.is_near(known.T_keyframe_base, 1e-9, 1e-9)
+        assert (one is steps[at]) == (at not in strays)
+
+
+@pytest.mark.parametrize("kind", ["twice", "little", "scans turned"])
+def test_wheels_that_did_not_jump_once_say_nothing(kind):
+    steps, told, poses = drive()
+    told[2] = ToldStep(JUMP, SPREAD)
+    steps[4] = put_aside(steps[4], SE2(-0.6, 0.1, 0.0))
+    if kind == "twice":
+        told[1] = ToldStep(MOTION @ SE2(0.0, 0.0, 0.2), SPREAD)
+    elif kind == "little":
+        told[2] = ToldStep(MOTION @ SE2(0.0, 0.0, -0.4), SPREAD)
+    else:
+        steps[3] = put_aside(steps[3], SE2(0.0, 0.0, 0.2))
+    moved = with_scans_put_back(steps, 2, told, WheelScale(), poses)
+    assert all(one is other for one, other in zip(moved, steps, strict=True))
+
+
 @pytest.mark.parametrize(
     "kind", ["near", "near and open", "carried", "wheels wrong", "wheels untold", "noisy", "no keyframe after", "before"]
 )  # fmt: skip
