@@ -36,10 +36,6 @@ Chosen: of drives by odometry told at each second scan 15 of 24 were right and g
 wheels that stand, those that tell late of a start were worse."""
 _FACING, _THING_M = 0.7, 0.75
 """Cosine to the way of what faces it, and how far about its middle a thing reaches, as a cart or two people. Chosen."""
-_ASIDE, _BESIDE_M = 0.3, 4.0
-"""Cosine to the way of the walls beside it, and how far from a thing along the way they are looked at. Chosen."""
-_CLOSED_M = 0.2
-"""Chosen: nobody stands so near to either wall, nor so near to one another, that no more is left open."""
 
 
 class SlippedWheels:
@@ -104,17 +100,14 @@ class SlippedWheels:
 
     def _is_told_by_more(self, points: FloatArray, alone: SurfaceMatch, led: SurfaceMatch) -> bool:
         """Whether a scan lies there as well without the one thing that most of what faces the way is of: that
-        may have stood until now; or if that reaches from wall to wall, as what a corridor ends with."""
+        may have stood until now."""
         off = alone.T_map_base.inverse() @ led.T_map_base
-        bearing_rad = math.atan2(off.y, off.x)
-        facing = np.abs(np.cos(points[:, 2] - bearing_rad))
-        across = self._surfaces.thinned(points[facing > _FACING, :2])
+        facing = np.cos(points[:, 2] - math.atan2(off.y, off.x))
+        across = self._surfaces.thinned(points[np.abs(facing) > _FACING, :2])
         if len(across) == 0:
             return False
         apart_m = np.hypot(*(across[:, None] - across).T)
         thing = across[np.argmax((apart_m < _THING_M).sum(axis=0))]
-        if _is_closed(points, facing, bearing_rad, thing):
-            return True
         rest = points[np.hypot(*(points[:, :2] - thing).T) > _THING_M]
         again = self._surfaces.match_alone(rest, led.T_map_base)
         is_told = again.least_facing >= self._config.least_facing
@@ -130,22 +123,3 @@ class SlippedWheels:
 def _fits(alone: SurfaceMatch) -> bool:
     """Whether next to all of a scan lies on surfaces."""
     return min(alone.inlier_ratio, alone.seen_ratio) > _STILL_FITS
-
-
-def _is_closed(
-    points: FloatArray, facing: FloatArray, bearing_rad: float, thing: FloatArray
-) -> bool:
-    """Whether what faces the way about a thing at (2,) [m] leaves no gap between the walls beside the way; of a scan's
-    points (N, 3), each by a cosine to the way in facing (N,)."""
-    ahead = np.array([math.cos(bearing_rad), math.sin(bearing_rad)])
-    off = points[:, :2] - thing
-    along_m, aside_m = off @ ahead, off @ np.array([-ahead[1], ahead[0]])
-    before_m = -along_m * np.sign(thing @ ahead)  # not the sides of what stands there itself
-    walls_m = aside_m[(facing < _ASIDE) & (before_m > 0.0) & (before_m < _BESIDE_M)]
-    left_m, right_m = walls_m[walls_m > 0.0], walls_m[walls_m < 0.0]
-    if len(left_m) == 0 or len(right_m) == 0:
-        return False
-    across_m = aside_m[np.abs(along_m) < _CLOSED_M]
-    ends_m = float(np.median(right_m)), float(np.median(left_m))
-    inside_m = np.sort(across_m[(across_m > ends_m[0]) & (across_m < ends_m[1])])
-    return bool(np.diff([ends_m[0], *inside_m, ends_m[1]]).max() < _CLOSED_M)

@@ -18,7 +18,7 @@ from slam.se2 import SE2
 from slam.slipped_wheels import SlippedWheels
 from slam.surface_map import SurfaceMap, SurfaceMatch, faced
 from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, ROOM, WALLS, mapped, spun
-from tests.slam.synthetic import box, room, scan_of
+from tests.slam.synthetic import box, scan_of
 from tests.slam.test_open_runs import kept
 
 POINTS = np.zeros((0, 3))
@@ -88,16 +88,6 @@ def test_one_thing_that_begins_to_move_does_not_take_the_robot_along():
     angles_rad = np.radians(np.linspace(-135.0, 135.0, 181))
     _, off_m = mapped(true_m, told_m, 0.01, with_cart, angles_rad=angles_rad, range_m=4.0)
     assert off_m < 0.3
-
-
-@pytest.mark.parametrize("late", [1, 2])
-def test_wheels_that_tell_late_of_a_turn_back_are_told_by_the_wall_ahead(late):
-    # all that tells of the way, and one thing; wheels led on, and it lay behind where it had been: 0.8 and 1.6 m off
-    true_m = np.concatenate([np.arange(0.0, 8.0, 0.4), np.arange(8.0, 3.8, -0.4)])
-    told_m = np.diff(true_m, prepend=np.zeros(late + 1))[: len(true_m)]
-    dead_end = np.concatenate([room(-6.0, -0.7, 11.0, 0.7), box(1.0, 0.3, 1.6, 0.7)])
-    slam_map, off_m = mapped(true_m, told_m, 0.01, lambda _: dead_end)
-    assert off_m < 0.3, slam_map.verdict
 
 
 @pytest.mark.parametrize(("step_m", "beams"), [(0.25, 361), (0.25, 181), (0.5, 361)])
@@ -268,38 +258,6 @@ def test_wheels_slipped_if_a_scan_fits_far_better_in_one_place_between(held):
     found = slipped(led=held)
     assert found is not None
     assert found.T_map_base == SE2(0.26, 0.0, 0.0)
-
-
-def end_of_corridor(left_m: float, right_m: float) -> np.ndarray:
-    """(N, 3) points that face the robot, between walls 0.8 m to either side of it."""
-    xs, ys = np.arange(0.5, 3.0, 0.1), np.arange(right_m, left_m + 0.01, 0.05)
-    walls = [
-        np.column_stack(
-            [xs, np.full(len(xs), y), np.full(len(xs), -math.copysign(math.pi / 2.0, y))]
-        )
-        for y in (-0.8, 0.8)
-    ]
-    ahead = np.column_stack([np.full(len(ys), 3.0), ys, np.full(len(ys), math.pi)])
-    return np.concatenate([*walls, ahead])
-
-
-@pytest.mark.parametrize(
-    ("left_m", "right_m", "has_slipped"),
-    [(0.8, -0.8, True), (0.75, -0.7, True), (0.8, -0.5, False), (0.5, -0.8, False)],
-)
-def test_what_a_corridor_ends_with_is_no_thing_that_may_have_stood_until_now(
-    monkeypatch, left_m, right_m, has_slipped
-):
-    monkeypatch.setattr(SeenBefore, "are_people", lambda *_: False)
-    found = slipped(points=end_of_corridor(left_m, right_m), by_rest=telling(0.25, across=0.002))
-    assert (found is not None) is has_slipped
-
-
-def test_a_thing_is_no_wall_for_the_sides_that_it_has(monkeypatch):
-    monkeypatch.setattr(SeenBefore, "are_people", lambda *_: False)
-    sides = [[3.3, y, -math.copysign(math.pi / 2.0, y)] for y in (-0.4, 0.4)] * 40
-    points = np.concatenate([end_of_corridor(0.4, -0.4), sides])
-    assert slipped(points=points, by_rest=telling(0.25, across=0.002)) is None
 
 
 @pytest.mark.parametrize(
