@@ -22,6 +22,7 @@ from slam.map_consistency import leaves_no_doubt
 from slam.map_drift import too_far_adrift
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
+from slam.moved_things import is_all_that_is_said
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan
 from slam.se2 import SE2
@@ -45,6 +46,8 @@ def best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
     slam_map = first.slam_map
     if slam_map.verdict.is_good or slam_map.unjoined or not log.has_odometry:
         return first  # a session is not joined by other odometry
+    if is_all_that_is_said(slam_map.verdict.reasons):
+        return first
     try:
         again = mapped(log, replace(config, is_odometry_doubted=True))
     except KeyboardInterrupt:

@@ -16,6 +16,7 @@ from slam.loop_closing import LoopCloser, without_ties
 from slam.map_consistency import do_contradict, judged
 from slam.map_drift import between_m, too_far_adrift
 from slam.mapper_config import MapperConfig
+from slam.moved_things import moved_things
 from slam.se2 import SE2
 from slam.session_joining import SessionJoiner, set_aside
 from slam.slam_map import SlamMap, graph_of
@@ -160,7 +161,7 @@ class MapSession:
 
 def objections_of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
     """What the drives themselves said against a map that is continued: its scans are judged anew, and
-    how far it drifted, and what hangs; how far a robot went between walls that look the same nobody can say later."""
+    how far it drifted, what hangs, and what was moved; how far a robot went between walls that look the same nobody can say later."""
     if slam_map.verdict.is_good:
         return []
     told = slam_map.keyframes, slam_map.poses, slam_map.loops, slam_map.rejected
@@ -168,5 +169,6 @@ def objections_of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
         *judged(*told, config.consistency).reasons,
         *too_far_adrift(slam_map.drift_m, slam_map.poses),
         *hanging_pieces(slam_map, config.front_end.break_sigma),
+        *moved_things(slam_map, config.front_end),
     )
     return [reason for reason in slam_map.verdict.reasons if reason not in anew]

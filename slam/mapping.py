@@ -163,7 +163,7 @@ class Mapper:
         own = self._steps[self._session.first_step :]
         said += self._jumps.objections(own, self.config.is_odometry_doubted)
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
-        said = said or moved_things(slam_map, self._session.first_step, self.config.front_end)
+        said = said or moved_things(slam_map, self.config.front_end)
         if not said:  # what the map itself is failed for, a later session may mend, and this not
             said = unknown_places(
                 slam_map, self._session.first_step, self._told, self._front_end.wheel_scale,

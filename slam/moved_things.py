@@ -7,16 +7,21 @@ late of a way, or somebody moved what stood there. Nobody can tell, and the map 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from slam.contradictions import passed
 from slam.front_end_config import FrontEndConfig
 from slam.keyframes import FrontEndStep, Keyframe
+from slam.loop_closing import without_ties
+from slam.map_drift import sigmas_m
 from slam.se2 import SE2
-from slam.slam_map import SlamMap
+from slam.slam_map import SlamMap, graph_of
 from slam.surface_map import SurfaceMap, moved
 
+_SAID = "what stood along a bare way"
 _BEFORE, _AFTER, _LEAST = 8, 5, 3
 """Keyframes on either side of the stretch that are asked, and that must say so. Chosen: who walks is elsewhere in
 each of them."""
@@ -28,50 +33,80 @@ ahead, they agree to 2 mm."""
 _FEW, _LEFT = 3, 0.2
 """Points that two scans look through of one another where the map has them, and share of these that are left where
 the one fits. Chosen."""
+_KNOWN = 1.0 / 3.0
+"""Share of how far things are off, to which loops tell how far the robot went (standard deviation), so that they were
+moved. Chosen."""
 
 
-def moved_things(
-    slam_map: SlamMap, first_step: int, config: FrontEndConfig | None = None
-) -> list[str]:
-    """In words, that what stands along a bare way is not where it was; first_step: with which the last session
-    begins."""
+def moved_things(slam_map: SlamMap, config: FrontEndConfig | None = None) -> list[str]:
+    """In words, that what stands along a bare way is not where it was, and no loops tell what became of the robot."""
     config = config or FrontEndConfig()
-    steps = [step for step in slam_map.steps[first_step:] if step.is_keyframe]
-    for first, last in _open_stretches(steps):
-        ways_m = np.hypot(*np.diff(slam_map.poses[first - 1 : last + 1, :2], axis=0).T)
+    keyframes, poses = slam_map.keyframes, slam_map.poses
+    for first, last in _open_stretches([step for step in slam_map.steps if step.is_keyframe]):
+        ways_m = np.hypot(*np.diff(poses[first - 1 : last + 1, :2], axis=0).T)
         if ways_m.sum() > _LONG_M:
             continue
-        before = _placed(slam_map, max(steps[0].keyframe, first - _BEFORE), first)
-        off_m = _off_m(before, _placed(slam_map, last + 1, last + 1 + _AFTER), config)
-        if off_m is not None:
-            from_s, to_s = (slam_map.keyframes[k].time_s for k in (first - 1, last + 1))
+        off_m = _off_m(*_beside(slam_map, first, last), config)
+        if off_m is not None and not _is_told_by_loops(slam_map, first, last, off_m):
+            from_s, to_s = (keyframes[k].time_s for k in (first - 1, last + 1))
             return [
-                f"what stood along a bare way until {from_s:.2f} s stands {off_m:.2f} m off from {to_s:.2f} s on:"
+                f"{_SAID} until {from_s:.2f} s stands {off_m:.2f} m off from {to_s:.2f} s on:"
                 " wheels spun or told late of the way, or somebody moved it"
             ]
     return []
 
 
-def _placed(slam_map: SlamMap, start: int, stop: int) -> list[tuple[Keyframe, SE2]]:
-    """Keyframes of a map and their poses, but for those of which no more than the place is kept."""
-    rows = slice(start, stop)
-    return [
-        (one, SE2.from_array(pose))
-        for one, pose in zip(slam_map.keyframes[rows], slam_map.poses[rows], strict=True)
-        if not one.is_place_alone
-    ]
+def is_all_that_is_said(reasons: Sequence[str]) -> bool:
+    """Whether that is why a map failed: without its wheels the things would say where the robot went, and somebody
+    may have moved them."""
+    return bool(reasons) and all(reason.startswith(_SAID) for reason in reasons)
+
+
+def _beside(
+    slam_map: SlamMap, first: int, last: int
+) -> tuple[list[tuple[Keyframe, SE2]], list[tuple[Keyframe, SE2]]]:
+    """Keyframes before and after a stretch, and their poses: of its session, none beyond a place where scans broke off,
+    nor such of which no more than the place is kept."""
+    keyframes, session = slam_map.keyframes, slam_map.keyframes[first].session
+    start, stop = first, last + 1
+    while start > max(first - _BEFORE, 0) and keyframes[start - 1].session == session:
+        start -= 1
+        if keyframes[start].is_break:
+            break
+    while stop < min(last + 1 + _AFTER, len(keyframes)) and keyframes[stop].session == session:
+        if keyframes[stop].is_break:
+            break
+        stop += 1
+    before, after = (
+        [
+            (one, SE2.from_array(pose))
+            for one, pose in zip(keyframes[rows], slam_map.poses[rows], strict=True)
+            if not one.is_place_alone
+        ]
+        for rows in (slice(start, first), slice(last + 1, stop))
+    )
+    return before, after
 
 
 def _open_stretches(steps: Sequence[FrontEndStep]) -> list[tuple[int, int]]:
     """First and last of keyframes in a row whose scans leave open how far the robot went to them; not the first
-    of all."""
+    of a session."""
     stretches: list[tuple[int, int]] = []
-    for step in steps[1:]:
-        if step.is_open:
-            goes_on = bool(stretches) and stretches[-1][1] == step.keyframe - 1
+    for before, step in pairwise(steps):
+        if step.is_open and step.session == before.session:
+            goes_on = bool(stretches) and stretches[-1][1] == before.keyframe
             first = stretches.pop()[0] if goes_on else step.keyframe
             stretches.append((first, step.keyframe))
     return stretches
+
+
+def _is_told_by_loops(slam_map: SlamMap, first: int, last: int, off_m: float) -> bool:
+    """Whether loops say how far the robot went over a stretch, be the wheels wrong there by so much."""
+    keyframes, loose = list(slam_map.keyframes), np.diag([off_m**2, off_m**2, 0.0])
+    for k in range(first, last + 2):
+        keyframes[k] = replace(keyframes[k], covariance=keyframes[k].covariance + loose)
+    graph = graph_of(keyframes, without_ties(slam_map.loops), slam_map.poses)
+    return sigmas_m(graph.solve(), np.array([(first - 1, last + 1)]))[0] < _KNOWN * off_m
 
 
 def _off_m(

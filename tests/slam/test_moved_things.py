@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from slam.keyframes import FrontEndStep, StepStatus
-from slam.moved_things import moved_things
+from slam.loop_closing import Loop
+from slam.moved_things import is_all_that_is_said, moved_things
 from slam.se2 import SE2
 from tests.slam.corridors import PILLARS, mapped, person, spun
 from tests.slam.synthetic import box, room
@@ -90,6 +91,9 @@ def said(
     hidden_m: tuple[float, ...] = HIDDEN_M,
     after_m: np.ndarray = AFTER_M,
     is_kept: bool = True,
+    session_from: int = 0,
+    break_at: int | None = None,
+    loop: tuple[int, int, float] | None = None,
     seed: int = 1,
 ) -> list[str]:
     """Of keyframes before and after others that saw nothing ahead, and from which on the map is so much off; the k-th
@@ -97,22 +101,31 @@ def said(
     rng = np.random.default_rng(seed)
     seen = [(x, walls, 0.0) for x in before_m] + [(x, BARE, 0.0) for x in hidden_m]
     seen += [(x, after(k) if after else walls, off_m) for k, x in enumerate(after_m)]
-    keyframes = [kept(there, SE2(x, 0.0, 0.0), rng) for x, there, _ in seen]
-    keyframes = [replace(one, time_s=float(k)) for k, one in enumerate(keyframes)]
+    poses = np.array([(x + off, 0.0, 0.0) for x, _, off in seen])
+    ways_m = np.diff(poses[:, 0], prepend=poses[0, 0])
+    keyframes = [
+        replace(
+            kept(there, SE2(x, 0.0, 0.0), rng), time_s=float(k), session=int(k >= session_from),
+            T_before=SE2(ways_m[k], 0.0, 0.0), covariance=1e-4 * np.eye(3), is_break=k == break_at,
+        )
+        for k, (x, there, _) in enumerate(seen)
+    ]  # fmt: skip
     if not is_kept:
-        keyframes = [
-            one.place_alone() if k < len(before_m) else one for k, one in enumerate(keyframes)
-        ]
+        keyframes[: len(before_m)] = [one.place_alone() for one in keyframes[: len(before_m)]]
+    loops = []
+    if loop is not None:
+        earlier, later, sigma_m = loop
+        way = SE2(poses[later, 0] - poses[earlier, 0], 0.0, 0.0)
+        loops.append(Loop(earlier, later, way, np.eye(3) / sigma_m**2, 1.0, 0.0))
     steps = [
         FrontEndStep(
             float(k), k, SE2.identity(), one.T_map_base, StepStatus.MATCHED, 1.0, is_keyframe=True,
-            is_open=seen[k][0] in hidden_m,
+            is_open=seen[k][0] in hidden_m, session=one.session,
         )
         for k, one in enumerate(keyframes)
     ]  # fmt: skip
-    poses = np.array([(x + off, 0.0, 0.0) for x, _, off in seen])
-    slam_map: Any = SimpleNamespace(keyframes=keyframes, poses=poses, steps=steps)
-    return moved_things(slam_map, 0)
+    slam_map: Any = SimpleNamespace(keyframes=keyframes, poses=poses, steps=steps, loops=loops)
+    return moved_things(slam_map)
 
 
 @pytest.mark.parametrize("off_m", [0.6, -0.6, 0.2, -1.0])
@@ -121,6 +134,20 @@ def test_what_stands_off_after_a_stretch_is_told_with_when_and_how_far(off_m):
         f"what stood along a bare way until 8.00 s stands {abs(off_m):.2f} m off from 11.00 s on: wheels spun or told"
         " late of the way, or somebody moved it"
     ]
+
+
+@pytest.mark.parametrize(
+    "of",
+    [
+        {"session_from": 6},
+        {"break_at": 6},
+        {"break_at": 14},
+        {"loop": (2, 14, 0.3)},
+        {"loop": (0, 3, 0.01)},
+    ],
+)
+def test_it_is_told_as_well_if(of):
+    assert len(said(**of)) == 1
 
 
 def pillar(x: float) -> np.ndarray:
@@ -136,6 +163,11 @@ SMALL = np.concatenate([ONE_PILLAR, box(9.9, -1.0, 10.3, -0.4)])
         {"off_m": 0.0},
         {"walls": np.concatenate([BARE, box(9.0, 0.6, 9.02, 0.62)])},  # too thin to say so
         {"off_m": 0.1},
+        {"session_from": 7},  # too few before it of its session
+        {"session_from": 9},  # which begins with it
+        {"break_at": 7},
+        {"break_at": 12},
+        {"loop": (2, 14, 0.1)},  # that tells where the robot went: somebody moved it
         {"before_m": BEFORE_M[-2:]},
         {"after_m": AFTER_M[:2]},
         {"is_kept": False},
@@ -154,3 +186,10 @@ def test_else_nothing_is_said(of):
 @pytest.mark.parametrize("seed", range(6))
 def test_of_things_alike_the_one_here_is_believed(seed):
     assert said(PILLARS, 0.0, seed=seed) == []
+
+
+def test_what_else_fails_a_map_is_looked_at_without_its_wheels():
+    (reason,) = said()
+    assert is_all_that_is_said([reason])
+    assert not is_all_that_is_said([reason, "another"])
+    assert not is_all_that_is_said([])
