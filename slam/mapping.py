@@ -221,7 +221,7 @@ class Mapper:
     def _finished(self, closer: LoopCloser, every: int) -> SlamMap:
         """The map with the loops that a closer finds beside those known."""
         session, kept, rejected = self._session, self._graph.loops, list[Loop]()
-        if self._graph.loops:
+        if self._graph.loops or closer.doubted:  # all of them may have been let go
             kept, rejected = self._adjusted(closer, every)
             if not self._session.holds():
                 self._session.unjoin()
