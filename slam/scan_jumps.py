@@ -35,6 +35,9 @@ searched for: few turn back at once. Chosen: 1 m of a real log played backwards,
 _AGAINST = 60.0
 """Normalised error squared of what was told of a step, beyond which it is not the one that scans show. As
 `FrontEndConfig.surely_wrong`."""
+_ALIKE, _BESIDE = 20.0, 3
+"""The same, up to which wheels tell what scans show, and steps on either side of one, of all of which they do: then
+doubted wheels are right. Chosen: those that slip, lag or stick are wrong of more than one."""
 _FITS = 0.94
 """Share of scans that fits, above which they, and those beside them, are right rather than wheels that are
 doubted. Chosen: of 37 second looks at drives with people and wheels that slip, lag and stick, no wrong one was
@@ -63,9 +66,13 @@ def scan_jumps(
     velocities_mps, intervals_s = _driven(placed, [step.time_s for step in own])
     speeds_mps = np.hypot(*velocities_mps.T)
     is_seen, is_guess = _is_seen(own), np.array([one.is_guess for one in told[1:]])
-    is_denied = ~is_guess & _is_denied(placed, told, noise, intervals_s)
+    off = np.array(
+        [one.squared(*ends) for one, ends in zip(told[1:], pairwise(placed), strict=True)]
+    )
+    is_denied = ~is_guess & _is_on_the_way(told, intervals_s) & (off > _AGAINST * noise)
     if is_odometry_doubted:
-        is_denied &= _fit(own) < _FITS
+        is_alone = _is_alone(~is_guess & (off < _ALIKE * noise))
+        is_denied &= (_fit(own) < _FITS) | is_alone
     apart_mps = np.where(
         is_denied,
         _apart_mps(velocities_mps, is_seen),
@@ -108,15 +115,18 @@ def _is_seen(steps: Sequence[FrontEndStep]) -> BoolArray:
     return result
 
 
-def _is_denied(
-    placed: Sequence[SE2], told: Sequence[ToldStep], noise: float, intervals_s: FloatArray
-) -> BoolArray:
-    """(N - 1,) of each way from one of N poses to the next, whether wheels that went on tell of another.
-    Whoever was lifted may have gone as far: but then these stand."""
+def _is_on_the_way(told: Sequence[ToldStep], intervals_s: FloatArray) -> BoolArray:
+    """(N - 1,) of each way between two of N scans, whether wheels went on. Whoever was lifted may have gone farther: but
+    then these stand."""
     told_m = np.array([math.hypot(one.motion.x, one.motion.y) for one in told[1:]])
-    squared = [one.squared(*ends) for one, ends in zip(told[1:], pairwise(placed), strict=True)]
-    result: BoolArray = (told_m > _MOVES_MPS * intervals_s) & (np.array(squared) > _AGAINST * noise)
+    result: BoolArray = told_m > _MOVES_MPS * intervals_s
     return result
+
+
+def _is_alone(is_alike: BoolArray) -> BoolArray:
+    """(N,) of steps whether wheels tell what scans show of all beside it, (N,) of which they do."""
+    beside = np.lib.stride_tricks.sliding_window_view(np.pad(is_alike, _BESIDE), 2 * _BESIDE + 1)
+    return np.asarray(np.delete(beside, _BESIDE, axis=1).all(axis=1))
 
 
 def _fit(steps: Sequence[FrontEndStep]) -> FloatArray:

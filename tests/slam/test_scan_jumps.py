@@ -170,9 +170,26 @@ def test_scans_that_fit_are_not_denied_by_wheels_that_were_doubted(at, fits):
     steps = driven(steps_with(0.6))
     steps[FIRST + at] = replace(steps[FIRST + at], inlier_ratio=fits)
     on = [ToldStep(SE2(STEP_M, 0.0, 0.0), TOLD)] * COUNT
+    on[AT + 2] = ToldStep(SE2(STEP_M + 0.6, 0.0, 0.0), TOLD)
     is_denied = fits < 0.94 and at > AT - 3
     assert bool(scan_jumps(steps, FIRST, on, POSES, 1.0, is_odometry_doubted=True)) is is_denied
     assert scan_jumps(steps, FIRST, on, POSES, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("beside", "is_denied"), [(-3, False), (-1, False), (3, False), (-4, True), (4, True)]
+)
+def test_doubted_wheels_that_are_right_before_and_after_deny_scans_that_fit(beside, is_denied):
+    # a door at the end of a corridor that opens between two scans: all of them fit, 0.39 m RMS and good
+    steps = driven(steps_with(0.6))
+    on = [ToldStep(SE2(STEP_M, 0.0, 0.0), TOLD)] * COUNT
+    assert scan_jumps(steps, FIRST, on, POSES, 1.0, is_odometry_doubted=True)
+    on[AT + beside] = ToldStep(SE2(STEP_M + 0.6, 0.0, 0.0), TOLD)
+    said = scan_jumps(steps, FIRST, on, POSES, 1.0, is_odometry_doubted=True)
+    assert bool(said) is is_denied
+    on[AT + beside] = ToldStep(SE2(STEP_M, 0.0, 0.0), GUESS)
+    said = scan_jumps(steps, FIRST, on, POSES, 1.0, is_odometry_doubted=True)
+    assert bool(said) is is_denied
 
 
 @pytest.mark.parametrize("jumps", [(20, 40), (15, 30, 45), range(4, 56, 8)])
