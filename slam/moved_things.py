@@ -40,19 +40,20 @@ moved. Chosen."""
 
 def moved_things(slam_map: SlamMap, config: FrontEndConfig | None = None) -> list[str]:
     """In words, that what stands along a bare way is not where it was, and no loops tell what became of the robot."""
-    config = config or FrontEndConfig()
-    keyframes, poses = slam_map.keyframes, slam_map.poses
+    config, offs_m = config or FrontEndConfig(), dict[tuple[int, int], float]()
     for first, last in _open_stretches([step for step in slam_map.steps if step.is_keyframe]):
-        ways_m = np.hypot(*np.diff(poses[first - 1 : last + 1, :2], axis=0).T)
+        ways_m = np.hypot(*np.diff(slam_map.poses[first - 1 : last + 1, :2], axis=0).T)
         if ways_m.sum() > _LONG_M:
             continue
         off_m = _off_m(*_beside(slam_map, first, last), config)
-        if off_m is not None and not _is_told_by_loops(slam_map, first, last, off_m):
-            from_s, to_s = (keyframes[k].time_s for k in (first - 1, last + 1))
-            return [
-                f"{_SAID} until {from_s:.2f} s stands {off_m:.2f} m off from {to_s:.2f} s on:"
-                " wheels spun or told late of the way, or somebody moved it"
-            ]
+        if off_m is not None:
+            offs_m[first, last] = off_m
+    for (first, last), off_m in _untold_by_loops(slam_map, offs_m).items():
+        from_s, to_s = (slam_map.keyframes[k].time_s for k in (first - 1, last + 1))
+        return [
+            f"{_SAID} until {from_s:.2f} s stands {off_m:.2f} m off from {to_s:.2f} s on:"
+            " wheels spun or told late of the way, or somebody moved it"
+        ]
     return []
 
 
@@ -65,17 +66,13 @@ def is_all_that_is_said(reasons: Sequence[str]) -> bool:
 def _beside(
     slam_map: SlamMap, first: int, last: int
 ) -> tuple[list[tuple[Keyframe, SE2]], list[tuple[Keyframe, SE2]]]:
-    """Keyframes before and after a stretch, and their poses: of its session, none beyond a place where scans broke off,
-    nor such of which no more than the place is kept."""
+    """Keyframes before and after a stretch, and their poses: of its session, but for those of which no more than the place
+    is kept."""
     keyframes, session = slam_map.keyframes, slam_map.keyframes[first].session
     start, stop = first, last + 1
     while start > max(first - _BEFORE, 0) and keyframes[start - 1].session == session:
         start -= 1
-        if keyframes[start].is_break:
-            break
     while stop < min(last + 1 + _AFTER, len(keyframes)) and keyframes[stop].session == session:
-        if keyframes[stop].is_break:
-            break
         stop += 1
     before, after = (
         [
@@ -100,13 +97,25 @@ def _open_stretches(steps: Sequence[FrontEndStep]) -> list[tuple[int, int]]:
     return stretches
 
 
-def _is_told_by_loops(slam_map: SlamMap, first: int, last: int, off_m: float) -> bool:
-    """Whether loops say how far the robot went over a stretch, be the wheels wrong there by so much."""
-    keyframes, loose = list(slam_map.keyframes), np.diag([off_m**2, off_m**2, 0.0])
-    for k in range(first, last + 2):
-        keyframes[k] = replace(keyframes[k], covariance=keyframes[k].covariance + loose)
+def _untold_by_loops(
+    slam_map: SlamMap, offs_m: dict[tuple[int, int], float]
+) -> dict[tuple[int, int], float]:
+    """Stretches of which loops do not say how far the robot went, be the wheels wrong by so much on all of them: there
+    and back they may be so by as much."""
+    if not offs_m:
+        return {}
+    keyframes = list(slam_map.keyframes)
+    for (first, last), off_m in offs_m.items():
+        loose = np.diag([off_m**2, off_m**2, 0.0])
+        for k in range(first, last + 2):
+            keyframes[k] = replace(keyframes[k], covariance=keyframes[k].covariance + loose)
     graph = graph_of(keyframes, without_ties(slam_map.loops), slam_map.poses)
-    return sigmas_m(graph.solve(), np.array([(first - 1, last + 1)]))[0] < _KNOWN * off_m
+    known_m = sigmas_m(graph.solve(), np.array([(first - 1, last + 1) for first, last in offs_m]))
+    return {
+        stretch: off_m
+        for (stretch, off_m), sigma_m in zip(offs_m.items(), known_m, strict=True)
+        if sigma_m >= _KNOWN * off_m
+    }
 
 
 def _off_m(

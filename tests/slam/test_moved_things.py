@@ -140,8 +140,8 @@ def test_what_stands_off_after_a_stretch_is_told_with_when_and_how_far(off_m):
     "of",
     [
         {"session_from": 6},
-        {"break_at": 6},
-        {"break_at": 14},
+        {"break_at": 7},
+        {"break_at": 12},
         {"loop": (2, 14, 0.3)},
         {"loop": (0, 3, 0.01)},
     ],
@@ -165,8 +165,6 @@ SMALL = np.concatenate([ONE_PILLAR, box(9.9, -1.0, 10.3, -0.4)])
         {"off_m": 0.1},
         {"session_from": 7},  # too few before it of its session
         {"session_from": 9},  # which begins with it
-        {"break_at": 7},
-        {"break_at": 12},
         {"loop": (2, 14, 0.1)},  # that tells where the robot went: somebody moved it
         {"before_m": BEFORE_M[-2:]},
         {"after_m": AFTER_M[:2]},
