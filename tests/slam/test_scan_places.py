@@ -135,6 +135,7 @@ def test_wheels_that_were_doubted_do_not_deny_scans_that_fit(is_doubted, fits):
     drive = drive_of(40)
     drive.steps = drive.steps[:-BLIND]
     drive.poses[FIRST + 20 :, 0] += 0.6
+    drive.poses[FIRST + 22 :, 0] += 0.25  # wheels that are wrong there as well
     at = FIRST + 20
     drive.steps[at] = replace(drive.steps[at], inlier_ratio=fits)
     said = said_of(drive, is_doubted)
