@@ -48,13 +48,12 @@ def moved_things(slam_map: SlamMap, config: FrontEndConfig | None = None) -> lis
         off_m = _off_m(*_beside(slam_map, first, last), config)
         if off_m is not None:
             offs_m[first, last] = off_m
-    for (first, last), off_m in _untold_by_loops(slam_map, offs_m).items():
-        from_s, to_s = (slam_map.keyframes[k].time_s for k in (first - 1, last + 1))
-        return [
-            f"{_SAID} until {from_s:.2f} s stands {off_m:.2f} m off from {to_s:.2f} s on:"
-            " wheels spun or told late of the way, or somebody moved it"
-        ]
-    return []
+    times_s = [one.time_s for one in slam_map.keyframes]
+    return [
+        f"{_SAID} until {times_s[first - 1]:.2f} s stands {off_m:.2f} m off from {times_s[last + 1]:.2f} s on:"
+        " wheels spun or told late of the way, or somebody moved it"
+        for (first, last), off_m in _untold_by_loops(slam_map, offs_m).items()
+    ]
 
 
 def is_all_that_is_said(reasons: Sequence[str]) -> bool:

@@ -36,6 +36,20 @@ def again(config: MapperConfig | None) -> bool:
 
 
 @pytest.mark.parametrize(
+    ("reason", "passes"), [("what stood along a bare way until 8.00 s", 1), ("told", 2)]
+)
+def test_no_second_look_for_things_that_would_say_where_the_robot_went(log, mapped, reason, passes):
+    given = []
+
+    def drive(log: Log, config: MapperConfig | None = None) -> SlamLog:
+        given.append(config)
+        return judged(mapped, again(config), reason)
+
+    assert best_mapped(log, drive).slam_map.verdict.is_good is (passes == 2)
+    assert len(given) == passes
+
+
+@pytest.mark.parametrize(
     ("told_is_good", "guess_is_good", "used"),
     [(True, False, "told"), (False, True, "guess"), (False, False, "told")],
 )

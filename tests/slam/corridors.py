@@ -90,7 +90,7 @@ def mapped(
     step_m = true_m[1] - true_m[0]
     for k, (x, way_m) in enumerate(zip(true_m, told_m, strict=True)):
         scan = scan_of(walls(x), SE2(x, 0.0, 0.0), rng, 0.01, angles_rad, range_m)
-        noise = sigma_m * math.sqrt(abs(way_m))
+        noise = sigma_m * math.sqrt(way_m)
         motion = SE2(way_m + rng.normal(0.0, noise), 0.0, rng.normal(0.0, turn_rad) if k else 0.0)
         told = np.diag([noise**2 + 1e-6, 1e-4, 1e-4])
         mapper.update(Measurement(max(0.2, step_m) * k, motion, scan, told))

@@ -48,22 +48,6 @@ def test_wheels_that_spin_while_all_is_hidden_fail_a_map_by_where_things_are_aft
     assert any(SAID in reason for reason in slam_map.verdict.reasons), slam_map.verdict
 
 
-@pytest.mark.parametrize(
-    ("spin_m", "back_m", "seed"), [(0.2, 0.1, 0), (0.2, 0.1, 1), (0.15, 0.015, 0)]
-)
-def test_a_robot_that_rolls_back_while_its_wheels_spin_fails_a_map_by_one_thing(
-    spin_m, back_m, seed
-):
-    # before one pillar: up to 0.6 m off and good
-    before_m, count = np.arange(0.0, AT_M, STEP_M), 5
-    rolls_m = before_m[-1] - back_m * np.arange(1, count + 1)
-    true_m = np.concatenate([before_m, rolls_m, np.arange(rolls_m[-1] + STEP_M, 14.0, STEP_M)])
-    told_m = np.append(0.0, np.diff(true_m))
-    told_m[len(before_m) : len(before_m) + count] = spin_m
-    slam_map, off_m = mapped(true_m, told_m, 0.01, lambda _: ONE_PILLAR, seed=seed)
-    assert off_m < 0.3 or not slam_map.verdict.is_good, slam_map.verdict
-
-
 def walks_on(x: float) -> np.ndarray:
     """Somebody who stood until the board was there, and walks ahead then."""
     at_m = 8.0 if x < AT_M else 8.0 + 1.2 * (x - AT_M)
