@@ -136,8 +136,8 @@ def _driven(
     times_s, odometry, scan_rows = [], [], []
     for row, record in enumerate(log.records):
         times_s.append(record.time_s)
-        odometry.append(record.T_odom_base.as_array())
         measurement = motion.add(record)
+        odometry.append(motion.T_odom_base.as_array())
         if measurement is None:
             continue
         update_s = time.thread_time()
@@ -159,9 +159,9 @@ def _driven(
     memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
     objections = _without_scans(np.array(times_s), np.array(odometry), scan_rows)
+    of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     slam_map = slam_map.objected(objections)
     finish_s = time.thread_time() - started_s - online_s - watched_s
-    of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(
         log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
     )

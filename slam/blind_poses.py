@@ -47,7 +47,7 @@ def unknown_blind_poses(
     knows yet where what broke off lies.
     """
     worst_m, said = _MOST_M, list[str]()
-    for start, end in _blind(steps, first_step):
+    for start, end in _blind(steps, first_step, told):
         if steps[end].status is StepStatus.BROKEN and not is_whole:
             continue
         before, after = (steps[at].placed(poses) for at in (start, end))
@@ -67,11 +67,17 @@ def unknown_blind_poses(
     return said
 
 
-def _blind(steps: Sequence[FrontEndStep], first_step: int) -> Iterator[tuple[int, int]]:
-    """The steps just before and after each run of those that tell nothing."""
+def _blind(
+    steps: Sequence[FrontEndStep], first_step: int, told: Sequence[ToldStep]
+) -> Iterator[tuple[int, int]]:
+    """The steps just before and after each run of those that tell nothing; nor do those that leave open how far
+    the robot went, where wheels that measure it otherwise did not."""
+    has_wheels = not all(one.is_guess for one in told[1:])
     start: int | None = None
     for at in range(first_step, len(steps)):
-        if steps[at].status is not StepStatus.CARRIED or steps[at].is_keyframe:
+        step = steps[at]
+        is_loose = has_wheels and step.is_open and told[at - first_step].is_guess
+        if step.is_keyframe or not (is_loose or step.status is StepStatus.CARRIED):
             if start is not None and at > start + 1:
                 yield start, at
             start = at

@@ -10,7 +10,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.contradictions import passed
-from slam.front_end_config import FrontEndConfig
+from slam.front_end_config import GUESS_M, FrontEndConfig
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.keyframes import Keyframe
@@ -18,6 +18,7 @@ from slam.open_matches import LITTLE, closed_match
 from slam.people_along import SeenBefore
 from slam.prediction import Prediction
 from slam.se2 import SE2
+from slam.strays import apart_m
 from slam.surface_map import SurfaceMap, SurfaceMatch
 
 _WIDER = 1.5
@@ -93,9 +94,14 @@ class Candidates:
         told: Prediction,
         points: FloatArray,
         beams: Beams,
+        usual: SE2 | None,
     ) -> bool:
-        """Whether a match is to be believed rather than the one where the wheels lead."""
+        """Whether a match is to be believed rather than the one where the wheels lead; who hardly know of the
+        way know no better than that the robot goes on by its usual motion."""
         config, better = self._config, self._config.better
+        if told.is_guess and told.other is None and usual is not None:
+            goes_on = apart_m(match.T_map_base, told.T_last @ usual) < GUESS_M
+            better = 0.0 if goes_on else better
         if not match.T_map_base.is_near(told.T_map_base, config.most_off_m, math.inf):
             # over a long way wheels are no more than a guess, and yet know how far off they may be
             is_denied = told.squared(match) > told.noise * config.surely_wrong

@@ -263,7 +263,7 @@ class FrontEnd:
         elif match.inlier_ratio < max(good, least):
             usual = None if told.is_coasting else self._velocity.motion(self._elapsed_s)
             best = self._candidates.around(points, told, usual)
-            if self._candidates.is_better(best, led, told, points, beams):
+            if self._candidates.is_better(best, led, told, points, beams, usual):
                 match, status = best, StepStatus.SEARCHED
         is_weak = len(points) < config.least_begun and not is_blind
         if is_weak and not told.is_guess and told.squared(match) > config.trust:

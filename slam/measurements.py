@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slam.arrays import FloatArray, frozen_array
-from slam.kernels.beam_points import are_same_ranges
+from slam.kernels.beam_points import are_same_ranges, same_into
 from slam.odometry import DifferentialDrive, OdometryNoise
 from slam.se2 import FARTHEST_M, SE2
 
@@ -21,6 +21,9 @@ LATEST_S = 1e12
 """Thirty thousand years; nanoseconds since 1970 are a million times as many."""
 _SAME_BEAMS = 0.9
 """Chosen: of the beams of two scans, those with a range in both; each of these must be the same."""
+BEAM_NOISE = 0.05, 0.01
+"""[m], and share of a range, by which a beam may measure the same once more. Chosen: twice a cheap laser's
+noise."""
 _ROUNDING = 1e-9
 """Chosen: what sums of covariances leave of their largest entry."""
 
@@ -92,6 +95,15 @@ class LaserScan:
         """True where a laser that froze gives a scan once more: its ranges bit for bit, but for a few
         beams that came back in one of both alone."""
         return bool(are_same_ranges(self.ranges_m, before.ranges_m, _SAME_BEAMS))
+
+    def likeness(self, other: LaserScan) -> float:
+        """Share of the beams, of those that came back in either scan, that measured the same in both but for
+        noise; 0 for scans of another laser."""
+        if len(other.ranges_m) != len(self.ranges_m):
+            return 0.0
+        shares = np.empty(1)
+        same_into(other.ranges_m[None], self.ranges_m, *BEAM_NOISE, shares)
+        return float(shares[0])
 
     def cut(self, range_max_m: float) -> LaserScan:
         """The same scan, in which what lies farther than range_max_m is no return."""

@@ -7,11 +7,10 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.kernels.beam_points import same_into
+from slam.measurements import BEAM_NOISE
 from slam.se2 import SE2
 from slam.strays import apart_m
 
-_NOISE = 0.05, 0.01
-"""[m], and share of a range, by which a beam may measure otherwise. Chosen: twice a cheap laser's noise."""
 _SAME, _AS_MUCH = 0.9, 0.02
 """Share of the beams of either scan that must measure the same, and by which the oldest one may fall short of
 the one that is most the same: what wheels that spun led to looks so as well. Chosen: people pass by."""
@@ -38,7 +37,7 @@ class StillScans:
         if count == 0 or self._ranges_m.shape[1] != len(beams):
             return None
         shares = np.empty(count)
-        same_into(self._ranges_m[:count], beams.ranges_m, *_NOISE, shares)
+        same_into(self._ranges_m[:count], beams.ranges_m, *BEAM_NOISE, shares)
         if shares.max() < _SAME:
             return None
         is_near = np.array([apart_m(place, T_last) <= _LONG_M for place in self._places])

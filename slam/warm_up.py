@@ -39,6 +39,7 @@ def warm_up(*, is_continued: bool = False) -> None:
     measurements.append(Measurement(0.7, SE2.identity(), rest))
     # all around, for a scan that lies where nobody expects it
     measurements.append(Measurement(0.8, SE2(0.0, 0.0, 0.6), scan))
+    rest.likeness(scan)  # as a log's records are asked
     for measurement in measurements:
         mapper.update(measurement)
     slam_map = mapper.finish()

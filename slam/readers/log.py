@@ -10,7 +10,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan, Measurement
 from slam.odometry import WheelModel, compose_covariance
-from slam.readers.record_gaps import RecordGaps
+from slam.readers.record_faults import RecordFaults
 from slam.se2 import SE2
 
 MotionNoise = Callable[[SE2], FloatArray]
@@ -99,8 +99,9 @@ class MotionSinceScan:
     """The way since the last scan, record by record: for a pose at each record, not each scan."""
 
     def __init__(self, noise: MotionNoise) -> None:
-        self._noise, self._gaps = noise, RecordGaps()
+        self._noise, self._faults = noise, RecordFaults()
         self._T_odom_last: SE2 | None = None
+        self._T_fix: SE2 | None = None
         self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
 
     @property
@@ -108,17 +109,27 @@ class MotionSinceScan:
         """From the last scan, or the first record, to the last record."""
         return self._motion
 
+    @property
+    def T_odom_base(self) -> SE2:
+        """The pose by the odometry of the last record, as if it had never jumped: see `RecordJumps`."""
+        T_last = self._T_odom_last or SE2.identity()
+        return T_last if self._T_fix is None else self._T_fix @ T_last
+
     def add(self, record: LogRecord) -> Measurement | None:
         """The measurement that a record with a scan makes; None where it has none."""
         if self._T_odom_last is not None:
-            step = self._T_odom_last.inverse() @ record.T_odom_base
-            noise, unseen = self._noise(step), self._gaps.covariance(record.time_s, step)
-            noise = noise if unseen is None else noise + unseen
+            told = self._T_odom_last.inverse() @ record.T_odom_base
+            step, unsure = self._faults.believed(record.time_s, told)
+            if step is not told:
+                self._T_fix = self.T_odom_base @ step @ record.T_odom_base.inverse()
+            noise = self._noise(step) if unsure is None else self._noise(step) + unsure
             self._covariance = compose_covariance(self._covariance, step, noise)
             self._motion = self._motion @ step
         self._T_odom_last = record.T_odom_base
         if record.scan is None:
             return None
-        measurement = Measurement(record.time_s, self._motion, record.scan, self._covariance)
+        unsure, covariance = self._faults.since_scan(record.scan), self._covariance
+        covariance = covariance if unsure is None else covariance + unsure
+        measurement = Measurement(record.time_s, self._motion, record.scan, covariance)
         self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
         return measurement

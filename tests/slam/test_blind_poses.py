@@ -199,3 +199,18 @@ def test_where_what_broke_off_lies_is_not_known_before_the_map_holds_together(is
     seen = steps_of(StepStatus.MATCHED)
     assert bool(unknown_blind_poses(broken, FIRST, told, POSES, 1.0, is_whole)) is is_whole
     assert unknown_blind_poses(seen, FIRST, told, POSES, 1.0, is_whole)
+
+
+@pytest.mark.parametrize(("has_wheels", "is_known"), [(True, False), (False, True)])
+def test_scans_that_leave_open_how_far_wheels_that_dropped_out_went_tell_nothing(
+    has_wheels, is_known
+):
+    # aces, odometry stuck for ten seconds along a corridor: two scans half a metre off, and good
+    steps, (sure,) = steps_of(), told_by(0.001)[-1:]
+    steps[FIRST + 1 : -1] = [
+        replace(one, status=StepStatus.MATCHED, is_open=True) for one in steps[FIRST + 1 : -1]
+    ]
+    assert said_of([ToldStep(STEP, GUESS), *[sure] * BLIND], steps) == []
+    told = [sure, *[ToldStep(SE2.identity(), GUESS)] * (BLIND - 1), sure if has_wheels else None]
+    told[-1] = told[-1] or ToldStep(SE2.identity(), GUESS)
+    assert (said_of(told, steps) == []) is is_known

@@ -40,4 +40,19 @@ def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
     told = Prediction(SE2(off_m, 0.0, 0.0), here, P, np.linalg.inv(P), 1.0, is_coasting)
     found, led = match(off_m, 0.2), match(0.0, 0.6)
     beams = None  # nobody asks these
-    assert candidates.is_better(found, led, told, NOWHERE, beams) is is_believed
+    assert candidates.is_better(found, led, told, NOWHERE, beams, None) is is_believed
+
+
+@pytest.mark.parametrize(
+    ("usual_m", "sigma_m", "is_believed"), [(1.1, 1.5, True), (0.0, 1.5, False), (1.1, 0.2, False)]
+)
+def test_wheels_that_hardly_know_are_no_better_than_that_the_robot_goes_on(
+    monkeypatch, usual_m, sigma_m, is_believed
+):
+    candidates = Candidates(SurfaceMap(), [], FrontEndConfig())
+    monkeypatch.setattr(candidates, "denied", lambda *_: (100, 4))
+    P, here = np.eye(3) * sigma_m**2, SE2.identity()
+    told = Prediction(here, here, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    found, led = match(1.0, 0.19), match(0.0, 0.2)  # as little better as two places of a corridor
+    usual, beams = SE2(usual_m, 0.0, 0.0), None  # nobody asks these
+    assert candidates.is_better(found, led, told, NOWHERE, beams, usual) is is_believed

@@ -1,0 +1,39 @@
+"""The stamps of a log's records: how long each took, as far as they tell."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+_INTERVALS = 21
+"""Chosen: between records, of which the mean is the usual one. Records may come some at once."""
+
+
+class RecordClock:
+    """Told the stamp of each record. since_s: from the one before; nan at the first, and of those that stand or
+    go back none above 0."""
+
+    def __init__(self) -> None:
+        self._last_s = self.since_s = math.nan
+        self._intervals_s: deque[float] = deque(maxlen=_INTERVALS)
+
+    def take(self, time_s: float) -> None:
+        """The next stamp."""
+        self.since_s, self._last_s = time_s - self._last_s, time_s
+        if self.since_s > 0.0:
+            self._intervals_s.append(self.since_s)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the usual interval is."""
+        return len(self._intervals_s) == _INTERVALS
+
+    @property
+    def usual_s(self) -> float:
+        """Between two records lately; 0 where none is known."""
+        return sum(self._intervals_s) / max(len(self._intervals_s), 1)
+
+    @property
+    def elapsed_s(self) -> float:
+        """What the last record took: as long as usual, where it came at once with another."""
+        return max(self.since_s, self.usual_s)
