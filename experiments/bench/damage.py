@@ -87,6 +87,40 @@ def _turned(log: Log, rng: np.random.Generator) -> Log:
     return with_records(log, records)
 
 
+def _heading_turned(log: Log, rng: np.random.Generator) -> Log:
+    """The headings alone of the odometry jump: from then on it seems to drive sideways."""
+    turn_rad = math.copysign(math.pi / 2.0, rng.uniform(-1.0, 1.0))
+    row = _inner(len(log.records), rng)
+
+    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
+        for index, record in enumerate(of):
+            T = record.T_odom_base
+            turned = SE2(T.x, T.y, T.theta + turn_rad)
+            yield record if index < row else replace(record, T_odom_base=turned)
+
+    return with_records(log, records)
+
+
+def _stuck(log: Log, rng: np.random.Generator) -> Log:
+    """Odometry that tells nothing for a while, and then of what comes after it."""
+    row = _inner(len(log.records), rng)
+
+    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
+        held, T_held = None, SE2.identity()
+        for index, record in enumerate(of):
+            if index == row:
+                held = record
+            if held is not None and record.time_s <= held.time_s + _FROZEN_S:
+                T_held = held.T_odom_base @ record.T_odom_base.inverse()
+            yield replace(record, T_odom_base=T_held @ record.T_odom_base)
+
+    return with_records(log, records)
+
+
+def _lost_turned_and_frozen(log: Log, rng: np.random.Generator) -> Log:
+    return _frozen(_turned(_some_scans_lost(log, rng), rng), rng)
+
+
 def _frozen(log: Log, rng: np.random.Generator) -> Log:
     """A scan stands for those of the next seconds, with their stamps."""
     first = _inner(log.scan_count, rng)
@@ -132,4 +166,7 @@ DAMAGES: dict[str, Change] = {
     "a third of the beams lost": _beams_lost,
     "wheels 15 % wrong along, 20 % in turns": _wrong_wheels,
     "no wheels": without_wheels,
+    "headings alone jump by a right angle": _heading_turned,
+    f"odometry stuck for {_FROZEN_S:g} s": _stuck,
+    "a third of the scans lost, a jump and a laser that freezes": _lost_turned_and_frozen,
 }
