@@ -103,3 +103,12 @@ def test_cheap_laser_that_loses_beams_sees_that_the_robot_stands():
     for k in range(60):
         dropouts.take(INTERVAL_S * k, STEP if k < 30 else STILL)
         assert dropouts.covariance(lossy(k)) is None
+
+
+def test_stop_between_two_scans_is_seen_by_the_next_ones():
+    dropouts = RecordDropouts()
+    for k in range(60):
+        dropouts.take(INTERVAL_S * k, STEP if k < 30 else STILL)
+        if k in (25, 36, 50):  # a metre before, and twice where it stands
+            more = dropouts.covariance(scan(INTERVAL_S * k, min(k, 30)))
+            assert (more is not None) is (k == 36)
