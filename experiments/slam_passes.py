@@ -159,9 +159,9 @@ def _driven(
     memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
     objections = _without_scans(np.array(times_s), np.array(odometry), scan_rows)
-    of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     slam_map = slam_map.objected(objections)
     finish_s = time.thread_time() - started_s - online_s - watched_s
+    of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(
         log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
     )
