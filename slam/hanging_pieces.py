@@ -70,6 +70,8 @@ def _as_wheels_say(
     keyframes = list(slam_map.keyframes)
     for k in breaks:
         covariance = keyframes[k].covariance
+        if (np.diag(covariance) < np.square(break_sigma)).any():  # see `slam.breaks_borne_out`
+            continue
         added = np.minimum(np.square(break_sigma), _MOST_ADDED * np.diag(covariance))
         told = covariance - np.diag(added)
         if np.linalg.eigvalsh(told)[0] <= 0.0:  # its errors go together

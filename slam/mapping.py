@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.breaks_borne_out import BreaksBorneOut
 from slam.drive_monitor import DriveMonitor
 from slam.front_end import FrontEnd
 from slam.hanging_pieces import hanging_pieces
@@ -71,6 +72,7 @@ class Mapper:
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
         self._told, self._weak_steps = list[ToldStep](), WeakSteps()
+        self._breaks = BreaksBorneOut(self.config.front_end.break_sigma)
         self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
@@ -158,6 +160,8 @@ class Mapper:
         else:
             self._weak_steps.loosen(self._graph, self._front_end, self._steps, self._closer)
         self._put_strays_back()
+        if not self.config.is_odometry_doubted:
+            self._breaks.believe(self._graph, self._front_end.told_steps)
         slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
         own = self._steps[self._session.first_step :]
