@@ -17,6 +17,9 @@ _FASTEST = 4.0, 4.0
 """[m/s], [rad/s] that any robot may go; mit-csail's odometry, which comes late at times, tells of 3.9."""
 _FASTER, _LEFT_OUT = 1.5, 2
 """Of the fastest that the robot went before, but for so many: these may have been told late."""
+_KNOWN, _SLOWEST = 1000, (1.0, 1.0)
+"""Records from which it is known how fast the robot goes; and [m/s], [rad/s] that it may go however slow it was.
+What is faster than that, and no more than any robot goes, may be a jump or a way that was told late."""
 _UNSURE, _SPEEDS_UP = (0.05, 0.05), (2.0, 4.0)
 """Of what it did instead of a jump: [m], [rad], and by how much it may speed up [m/s2], [rad/s2]."""
 _SILENT, _SILENT_S = (0.02, 0.05), 2.0
@@ -40,7 +43,7 @@ class RecordJumps:
 
     def __init__(self) -> None:
         self._clock = RecordClock()
-        self._along, self._turning = (_Pace(one) for one in _FASTEST)
+        self._along, self._turning = (_Pace(*ones) for ones in zip(_FASTEST, _SLOWEST, strict=True))
         self._before, self._in_a_row = _STILL, 0
         self._late_s = self._silent_s = 0.0
         self._way_m2 = self._aside_m2 = 0.0
@@ -59,7 +62,8 @@ class RecordJumps:
         self._late_s = elapsed_s if elapsed_s > _GAP * usual_s else 0.0
         motion = self._heading.turned_back(motion)
         way_m, turn_rad = _way(motion)
-        if max(way_m, turn_rad) > _FAR and self._is_jump(motion, late_s):
+        is_far = max(way_m, turn_rad) > _FAR
+        if is_far and self._is_faster(motion, late_s, is_ever=True):
             self._in_a_row += 1
             if self._aside_m2 <= _ASIDE * self._way_m2:
                 self._heading.jumped((self._before.inverse() @ motion).theta)
@@ -68,6 +72,10 @@ class RecordJumps:
                 for least, most in zip(_UNSURE, _SPEEDS_UP, strict=True)
             )
             return self._before, np.diag(np.square([sigma_m, sigma_m, sigma_rad]))
+        if is_far and self._is_faster(motion, late_s, is_ever=False):
+            self._in_a_row += 1
+            more_m, more_rad = _way(self._before.inverse() @ motion)
+            return self._before, np.diag(np.square([more_m, more_m, more_rad]))
         self._in_a_row, self._before = 0, motion
         self._way_m2 += way_m**2
         self._aside_m2 += motion.y**2
@@ -77,9 +85,9 @@ class RecordJumps:
         self._silent_s = self._silent_s + elapsed_s if is_silent else 0.0
         return motion, None
 
-    def _is_jump(self, motion: SE2, late_s: float) -> bool:
-        """Whether no robot goes so in a record, and for a time of which odometry told nothing before, be it
-        that it stood or that it went on."""
+    def _is_faster(self, motion: SE2, late_s: float, *, is_ever: bool) -> bool:
+        """Whether this robot does not go so in a record, or no robot ever, and for a time of which odometry
+        told nothing before, be it that it stood or that it went on."""
         if not self._clock.is_known or self._in_a_row == _AGAIN:
             return False
         # who brakes goes other than before as well
@@ -87,7 +95,7 @@ class RecordJumps:
         mores = (min(more) for more in zip(*ways, strict=True))
         elapsed_s, paces = self._clock.elapsed_s, (self._along, self._turning)
         return any(
-            more > max(_FAR, pace.most_in(elapsed_s, late_s))
+            more > max(_FAR, pace.most_in(elapsed_s, late_s, is_ever=is_ever))
             for more, pace in zip(mores, paces, strict=True)
         )
 
@@ -100,17 +108,21 @@ def _way(motion: SE2) -> tuple[float, float]:
 class _Pace:
     """How fast a robot went, along or turning."""
 
-    def __init__(self, floor: float) -> None:
-        """floor: as fast may any robot go."""
-        self._floor, self._fastest = floor, [0.0] * (1 + _LEFT_OUT)
+    def __init__(self, ever: float, slowest: float) -> None:
+        """ever: as fast may any robot go; slowest: as fast may each."""
+        self._ever, self._slowest = ever, slowest
+        self._count, self._fastest = 0, [0.0] * (1 + _LEFT_OUT)
 
-    def most_in(self, elapsed_s: float, late_s: float) -> float:
-        """As far it may go in a record, and in a time before: there no faster than ever."""
+    def most_in(self, elapsed_s: float, late_s: float, *, is_ever: bool) -> float:
+        """As far it may go in a record, and in a time before: there no faster than ever. is_ever: if it may
+        be any robot."""
         fastest = self._fastest[0]
-        return max(self._floor, _FASTER * fastest) * elapsed_s + fastest * late_s
+        floor = self._ever if is_ever or self._count < _KNOWN else self._slowest
+        return max(floor, _FASTER * fastest) * elapsed_s + fastest * late_s
 
     def take(self, speed: float) -> None:
         """Notes one that is believed."""
+        self._count += 1
         if speed > self._fastest[0]:
             self._fastest = sorted([*self._fastest[1:], speed])
 
