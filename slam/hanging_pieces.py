@@ -70,7 +70,7 @@ def _as_wheels_say(
     keyframes = list(slam_map.keyframes)
     for k in breaks:
         covariance = keyframes[k].covariance
-        if (np.diag(covariance) < np.square(break_sigma)).any():  # see `slam.breaks_borne_out`
+        if (np.diag(covariance) < np.square(break_sigma)).all():  # see `slam.breaks_borne_out`
             continue
         added = np.minimum(np.square(break_sigma), _MOST_ADDED * np.diag(covariance))
         told = covariance - np.diag(added)

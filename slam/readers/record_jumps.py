@@ -17,9 +17,9 @@ _FASTEST = 4.0, 4.0
 """[m/s], [rad/s] that any robot may go; mit-csail's odometry, which comes late at times, tells of 3.9."""
 _FASTER, _LEFT_OUT = 1.5, 2
 """Of the fastest that the robot went before, but for so many: these may have been told late."""
-_KNOWN, _SLOWEST = 1000, (1.0, 1.0)
-"""Records from which it is known how fast the robot goes; and [m/s], [rad/s] that it may go however slow it was.
-What is faster than that, and no more than any robot goes, may be a jump or a way that was told late."""
+_USUAL, _KNOWN = (2.0, 4.0), 1000
+"""[m/s], [rad/s] that a robot may go though it never did, and records on its way from which that is known. What is faster,
+and no more than any robot goes, may be a jump, unless odometry was silent before."""
 _UNSURE, _SPEEDS_UP = (0.05, 0.05), (2.0, 4.0)
 """Of what it did instead of a jump: [m], [rad], and by how much it may speed up [m/s2], [rad/s2]."""
 _SILENT, _SILENT_S = (0.02, 0.05), 2.0
@@ -43,8 +43,8 @@ class RecordJumps:
 
     def __init__(self) -> None:
         self._clock = RecordClock()
-        self._along, self._turning = (_Pace(*ones) for ones in zip(_FASTEST, _SLOWEST, strict=True))
-        self._before, self._in_a_row = _STILL, 0
+        self._along, self._turning = _Pace(), _Pace()
+        self._before, self._in_a_row, self._driven = _STILL, 0, 0
         self._late_s = self._silent_s = 0.0
         self._way_m2 = self._aside_m2 = 0.0
         self._heading = _Heading()
@@ -63,31 +63,30 @@ class RecordJumps:
         motion = self._heading.turned_back(motion)
         way_m, turn_rad = _way(motion)
         is_far = max(way_m, turn_rad) > _FAR
-        if is_far and self._is_faster(motion, late_s, is_ever=True):
+        if is_far and self._is_faster(motion, late_s, _FASTEST):
             self._in_a_row += 1
             if self._aside_m2 <= _ASIDE * self._way_m2:
                 self._heading.jumped((self._before.inverse() @ motion).theta)
-            sigma_m, sigma_rad = (
-                max(least, most * elapsed_s**2)
-                for least, most in zip(_UNSURE, _SPEEDS_UP, strict=True)
-            )
-            return self._before, np.diag(np.square([sigma_m, sigma_m, sigma_rad]))
-        if is_far and self._is_faster(motion, late_s, is_ever=False):
+            return self._before, self._unsure(elapsed_s, SE2.identity())
+        # after a silence it is rather told late
+        is_known = self._driven >= _KNOWN and self._silent_s == 0.0
+        is_doubted = is_far and is_known and self._is_faster(motion, late_s, _USUAL)
+        self._along.take(way_m / (elapsed_s + late_s))
+        self._turning.take(turn_rad / (elapsed_s + late_s))
+        if is_doubted:
             self._in_a_row += 1
-            more_m, more_rad = _way(self._before.inverse() @ motion)
-            return self._before, np.diag(np.square([more_m, more_m, more_rad]))
+            return self._before, self._unsure(elapsed_s, self._before.inverse() @ motion)
         self._in_a_row, self._before = 0, motion
         self._way_m2 += way_m**2
         self._aside_m2 += motion.y**2
-        self._along.take(way_m / (elapsed_s + late_s))
-        self._turning.take(turn_rad / (elapsed_s + late_s))
         is_silent = way_m <= _SILENT[0] * elapsed_s and turn_rad <= _SILENT[1] * elapsed_s
         self._silent_s = self._silent_s + elapsed_s if is_silent else 0.0
+        self._driven += not is_silent
         return motion, None
 
-    def _is_faster(self, motion: SE2, late_s: float, *, is_ever: bool) -> bool:
-        """Whether this robot does not go so in a record, or no robot ever, and for a time of which odometry
-        told nothing before, be it that it stood or that it went on."""
+    def _is_faster(self, motion: SE2, late_s: float, floors: tuple[float, float]) -> bool:
+        """Whether a robot that may always go as fast as the floors does not go so in a record, and for a time
+        of which odometry told nothing before, be it that it stood or that it went on."""
         if not self._clock.is_known or self._in_a_row == _AGAIN:
             return False
         # who brakes goes other than before as well
@@ -95,9 +94,18 @@ class RecordJumps:
         mores = (min(more) for more in zip(*ways, strict=True))
         elapsed_s, paces = self._clock.elapsed_s, (self._along, self._turning)
         return any(
-            more > max(_FAR, pace.most_in(elapsed_s, late_s, is_ever=is_ever))
-            for more, pace in zip(mores, paces, strict=True)
+            more > max(_FAR, pace.most_in(elapsed_s, late_s, floor))
+            for more, pace, floor in zip(mores, paces, floors, strict=True)
         )
+
+    @staticmethod
+    def _unsure(elapsed_s: float, more: SE2) -> FloatArray:
+        """(3, 3) of going on as before for so long, or by so much more."""
+        sigma_m, sigma_rad = (
+            max(least, most * elapsed_s**2, way)
+            for least, most, way in zip(_UNSURE, _SPEEDS_UP, _way(more), strict=True)
+        )
+        return np.diag(np.square([sigma_m, sigma_m, sigma_rad]))
 
 
 def _way(motion: SE2) -> tuple[float, float]:
@@ -108,21 +116,17 @@ def _way(motion: SE2) -> tuple[float, float]:
 class _Pace:
     """How fast a robot went, along or turning."""
 
-    def __init__(self, ever: float, slowest: float) -> None:
-        """ever: as fast may any robot go; slowest: as fast may each."""
-        self._ever, self._slowest = ever, slowest
-        self._count, self._fastest = 0, [0.0] * (1 + _LEFT_OUT)
+    def __init__(self) -> None:
+        self._fastest = [0.0] * (1 + _LEFT_OUT)
 
-    def most_in(self, elapsed_s: float, late_s: float, *, is_ever: bool) -> float:
-        """As far it may go in a record, and in a time before: there no faster than ever. is_ever: if it may
-        be any robot."""
+    def most_in(self, elapsed_s: float, late_s: float, floor: float) -> float:
+        """As far it may go in a record, as fast as a floor at least, and in a time before: there no faster than
+        ever."""
         fastest = self._fastest[0]
-        floor = self._ever if is_ever or self._count < _KNOWN else self._slowest
         return max(floor, _FASTER * fastest) * elapsed_s + fastest * late_s
 
     def take(self, speed: float) -> None:
-        """Notes one that is believed."""
-        self._count += 1
+        """Notes one that may be its own."""
         if speed > self._fastest[0]:
             self._fastest = sorted([*self._fastest[1:], speed])
 

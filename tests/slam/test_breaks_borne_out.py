@@ -1,6 +1,7 @@
 """A drive whose scans broke off half way: loops tie its second half, and wheels led there."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,9 +38,19 @@ def driven(over_break: SE2 = STEP, ends: Sequence[tuple[int, int]] = TO_BEGIN):
     return graph, true
 
 
-def take(graph: KeyframeGraph, true: Sequence[SE2], ends: Sequence[tuple[int, int]]) -> None:
-    sharp = 1e4 * np.eye(3)
-    graph.take([Loop(i, j, true[i].inverse() @ true[j], sharp, 1.0, 0.0) for i, j in ends])
+def take(
+    graph: KeyframeGraph,
+    true: Sequence[SE2],
+    ends: Sequence[tuple[int, int]],
+    information: float = 1e4,
+) -> None:
+    known = information * np.eye(3)
+    graph.take([Loop(i, j, true[i].inverse() @ true[j], known, 1.0, 0.0) for i, j in ends])
+
+
+def is_believed(graph: KeyframeGraph, told: Sequence[ToldStep] = TOLD) -> bool:
+    BreaksBorneOut(BREAK_SIGMA).believe(graph, told)
+    return not np.array_equal(graph.keyframes[BREAK].covariance, LOOSE)
 
 
 def off_m(graph: KeyframeGraph, true: Sequence[SE2]) -> float:
@@ -58,19 +69,36 @@ def test_what_came_before_a_break_lies_where_wheels_went_on_from():
     assert off_m(graph, true) < 0.5 * before_m
 
 
-@pytest.mark.parametrize("over_break", [SE2(3.9, 0.0, 0.15), SE2(0.9, 0.0, 0.75)])
+@pytest.mark.parametrize(
+    "over_break", [SE2(3.9, 0.0, 0.15), SE2(1.9, 0.0, 0.15), SE2(0.9, 0.0, 0.75)]
+)
 def test_wheels_that_loops_deny_stay_as_unsure(over_break):
-    graph, _ = driven(over_break)
-    BreaksBorneOut(BREAK_SIGMA).believe(graph, TOLD)
-    np.testing.assert_array_equal(graph.keyframes[BREAK].covariance, LOOSE)
+    assert not is_believed(driven(over_break)[0])
 
 
-@pytest.mark.parametrize("ends", [(), TO_BEGIN])
-def test_nothing_bears_out_wheels_where_nothing_is_tied(ends):
-    graph, _ = driven(ends=ends)
+def test_nothing_bears_out_wheels_where_hardly_anything_is_tied():
+    assert not is_believed(driven(ends=())[0])
+    for information, is_tied in ((0.1, False), (1e4, True)):
+        graph, true = driven(ends=())
+        take(graph, true, TO_BEGIN[:1], information)
+        assert is_believed(graph) is is_tied
+
+
+def test_wheels_hardly_surer_than_the_rest_of_the_map_stay_as_unsure():
+    """A laser frozen for 25 s while wheels slipped by 0.6 m: aces 0.091 m RMS, 0.127 by what they told."""
+    assert not is_believed(driven(ends=[(BREAK - 1, BREAK), (BREAK - 2, BREAK + 1)])[0])
+
+
+@pytest.mark.parametrize("vague", [np.diag([0.1, 0.1, 4e-4]), np.diag([0.0, 0.0, 0.1])])
+def test_wheels_that_hardly_know_the_way_stay_as_unsure(vague):
+    graph, _ = driven()
+    keyframes = [
+        replace(one, covariance=one.covariance + vague) if k == BREAK else one
+        for k, one in enumerate(graph.keyframes)
+    ]
+    graph.renew(keyframes, graph.loops, graph.poses)
     BreaksBorneOut(BREAK_SIGMA).believe(graph, TOLD)
-    is_believed = not np.array_equal(graph.keyframes[BREAK].covariance, LOOSE)
-    assert is_believed == bool(ends)
+    np.testing.assert_array_equal(graph.keyframes[BREAK].covariance, LOOSE + vague)
 
 
 def test_whoever_is_asked_again_begins_without_what_was_believed():
@@ -89,3 +117,5 @@ def test_wheels_are_as_noisy_over_a_break_as_elsewhere():
     noisy = [ToldStep(SE2(0.95, 0.0, 0.15), BY_WHEELS)] * COUNT
     BreaksBorneOut(BREAK_SIGMA).believe(graph, noisy)
     assert graph.keyframes[BREAK].covariance[0, 0] > 1.5 * BY_WHEELS[0, 0]
+    # and where that is more than was added, they are as unsure as they were
+    assert not is_believed(driven()[0], [ToldStep(SE2(1.6, 0.0, 0.15), BY_WHEELS)] * COUNT)

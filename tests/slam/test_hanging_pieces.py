@@ -90,6 +90,8 @@ def test_wheels_count_for_what_they_say_of_the_way():
     assert hanging_pieces(driven(FAR, BROKEN + SURE), BREAK_SIGMA) == []
     assert hanging_pieces(driven(FAR, 0.0 * SURE + 1e-9 * np.eye(3)), BREAK_SIGMA) == []
     assert hanging_pieces(driven(FAR, BROKEN + BLIND), BREAK_SIGMA)
+    # over a break that they are believed over, nothing was added
+    assert hanging_pieces(driven(FAR[:1], 0.95 * BROKEN), BREAK_SIGMA)
     turned = BLIND.copy()
     turned[1, 2] = turned[2, 1] = 0.8 * np.sqrt(turned[1, 1] * turned[2, 2])
     assert (
