@@ -30,7 +30,8 @@ maps 0.1 m aside."""
 
 
 class BreaksBorneOut:
-    """The breaks over which wheels were believed, as found last; whoever asks again begins without them.
+    """The breaks of a session over which wheels were believed, as found last; whoever asks again begins without
+    them. On the map they stay as sure.
 
     break_sigma: (m, m, rad) by which wheels are less sure over a break.
     """
