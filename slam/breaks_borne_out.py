@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.keyframe_graph import KeyframeGraph
-from slam.keyframes import Keyframe
+from slam.keyframes import as_sure_as_before
 from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 from slam.strays import ToldStep
@@ -43,11 +43,14 @@ class BreaksBorneOut:
     def believe(self, graph: KeyframeGraph, told: Sequence[ToldStep]) -> None:
         """Makes the ways of a graph over breaks as sure as the wheels, where these may be right; told: of the
         last keyframes, from a session's first on, the step to each by the wheels."""
-        keyframes = self._unsure(graph.keyframes)
+        keyframes = as_sure_as_before(graph.keyframes, self._said)
         first = len(keyframes) - len(told)
         breaks = [k for k in range(first + 1, len(keyframes)) if keyframes[k].is_break]
-        noise = shown_noise(keyframes, graph.poses, told)
+        if not breaks:
+            return
+        self._said = {}
         graph.renew(keyframes, graph.loops, graph.poses)
+        noise = shown_noise(keyframes, graph.poses, told)
         if not graph.loops or noise is None:
             return
         sure = {k: noise * (keyframes[k].covariance - self._added) for k in breaks}
@@ -59,15 +62,6 @@ class BreaksBorneOut:
             self._said[k] = sure[k], keyframes[k].covariance
             keyframes[k] = replace(keyframes[k], covariance=sure[k])
         graph.renew(keyframes, graph.loops, graph.poses)
-
-    def _unsure(self, keyframes: Sequence[Keyframe]) -> list[Keyframe]:
-        """Keyframes as sure as they were, but those of which something else is known by now."""
-        found = list(keyframes)
-        for k, (sure, said) in self._said.items():
-            if found[k].covariance is sure:
-                found[k] = replace(found[k], covariance=said)
-        self._said = {}
-        return found
 
     def _borne_out(self, graph: KeyframeGraph, sure: Mapping[int, FloatArray]) -> list[int]:
         """Breaks over which the rest of the graph may have led where wheels did; sure: (3, 3) covariances of

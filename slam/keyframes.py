@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,6 +61,18 @@ class Keyframe:
     def place_alone(self) -> Keyframe:
         """The same without its scan and glances."""
         return replace(self, points=np.empty((0, 2)), beams=_NO_BEAMS, glances=())
+
+
+def as_sure_as_before(
+    keyframes: Sequence[Keyframe], changed: Mapping[int, tuple[FloatArray, FloatArray]]
+) -> list[Keyframe]:
+    """Keyframes, those again as sure as they were before whose covariances were changed, but those of which
+    something else is known by now. changed: of these, by their number, the covariance (3, 3) since, and before."""
+    found = list(keyframes)
+    for k, (since, before) in changed.items():
+        if found[k].covariance is since:
+            found[k] = replace(found[k], covariance=before)
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from slam.arrays import FloatArray
 from slam.front_end import FrontEnd
 from slam.kernels.normal_equations import inverse_of
 from slam.keyframe_graph import KeyframeGraph
-from slam.keyframes import FrontEndStep, Keyframe
+from slam.keyframes import FrontEndStep, Keyframe, as_sure_as_before
 from slam.loop_closing import Loop, LoopCloser
 from slam.se2 import SE2
 from slam.strays import ToldStep
@@ -53,7 +53,7 @@ class WeakSteps:
         """Has loops say where the steps of a graph's last session led to scans that fit badly, or stayed behind,
         and where the wheels did not lead. steps: of all scans; closer: of the loops, that looks no more at what was
         seen on both sides of such a step, and whose loops with that are let go."""
-        told, before = front_end.told_steps, self._tightened(graph.keyframes)
+        told, before = front_end.told_steps, as_sure_as_before(graph.keyframes, self._said)
         noise = shown_noise(before, graph.poses, told, least=_LEAST_NOISE)
         if noise is None:
             return
@@ -72,14 +72,6 @@ class WeakSteps:
         closer.doubted = self._said.keys()
         loops = closer.undoubted(keyframes, graph.loops, closer.doubted)
         graph.renew(keyframes, loops, graph.poses)
-
-    def _tightened(self, keyframes: Sequence[Keyframe]) -> list[Keyframe]:
-        """Keyframes as sure as they were, but those of which something else is known by now."""
-        found = list(keyframes)
-        for k, (loose, said) in self._said.items():
-            if found[k].covariance is loose:
-                found[k] = replace(found[k], covariance=said)
-        return found
 
 
 def loosened(

@@ -131,7 +131,7 @@ def buildings(
     odometry: Annotated[
         str, typer.Option(help="Of the logs: usual, bad (8 to 15 cm off after a metre), or none.")
     ] = "usual",
-    repeats: Annotated[int, typer.Option(min=1, help="Of each of eight kinds, drawn anew.")] = 2,
+    repeats: Annotated[int, typer.Option(min=1, help="Of each of nine kinds, drawn anew.")] = 2,
     seed: Seed = 0,
     trouble: Annotated[
         str, typer.Option(help="On the way: none, spins (of the wheels), or walkers along it.")

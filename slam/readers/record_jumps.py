@@ -18,8 +18,8 @@ _FASTEST = 4.0, 4.0
 _FASTER, _LEFT_OUT = 1.5, 2
 """Of the fastest that the robot went before, but for so many: these may have been told late."""
 _USUAL, _KNOWN = (2.0, 4.0), 1000
-"""[m/s], [rad/s] that a robot may go though it never did, and records on its way from which that is known. What is faster,
-and no more than any robot goes, may be a jump, unless odometry was silent before."""
+"""[m/s], [rad/s] that a robot may go though it never did, and records on its way from which that is known. What
+is faster, and no more than any robot goes, may be a jump."""
 _UNSURE, _SPEEDS_UP = (0.05, 0.05), (2.0, 4.0)
 """Of what it did instead of a jump: [m], [rad], and by how much it may speed up [m/s2], [rad/s2]."""
 _SILENT, _SILENT_S = (0.02, 0.05), 2.0
@@ -68,9 +68,12 @@ class RecordJumps:
             if self._aside_m2 <= _ASIDE * self._way_m2:
                 self._heading.jumped((self._before.inverse() @ motion).theta)
             return self._before, self._unsure(elapsed_s, SE2.identity())
-        # after a silence it is rather told late
-        is_known = self._driven >= _KNOWN and self._silent_s == 0.0
-        is_doubted = is_far and is_known and self._is_faster(motion, late_s, _USUAL)
+        is_doubted = (
+            is_far
+            and self._driven >= _KNOWN
+            and self._silent_s == 0.0  # else it is rather told late
+            and self._is_faster(motion, late_s, _USUAL)
+        )
         self._along.take(way_m / (elapsed_s + late_s))
         self._turning.take(turn_rad / (elapsed_s + late_s))
         if is_doubted:
