@@ -134,7 +134,7 @@ def _driven(
     started_s, before_mb = time.thread_time(), resident_mb()
     motion = MotionSinceScan(log.noise)
     times_s, odometry, scan_rows = [], [], []
-    for row, record in enumerate(log.records):
+    for row, record in enumerate(log.records_in_time()):
         times_s.append(record.time_s)
         measurement = motion.add(record)
         odometry.append(motion.T_odom_base.as_array())

@@ -20,8 +20,9 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.measurements import LaserScan
 from slam.metrics import absolute_errors
-from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.log import Log, LogRecords
 from slam.readers.log_odometry import USUAL_NOISE, unknown_motion
+from slam.readers.log_record import LogRecord
 from slam.se2 import SE2
 from slam.segment_map import SegmentMap
 

@@ -21,11 +21,13 @@ from experiments.bench.log_changes import (
 from experiments.bench.map_end import table_of
 from experiments.tables import wide_console
 from slam.measurements import LaserScan
-from slam.readers.log import Log, LogRecord
+from slam.readers.log import Log
+from slam.readers.log_record import LogRecord
 from slam.se2 import SE2
 
 _LOST = 1.0 / 3.0
 _FROZEN_S = 10.0
+_LATE_S, _LATE_EVERY_S = 2.5, 30.0
 _INNER = (0.1, 0.9)
 """Where in the log something happens that happens once."""
 _WRONG_STEP, _WRONG_TURN = 1.15, 0.8
@@ -117,6 +119,25 @@ def _stuck(log: Log, rng: np.random.Generator) -> Log:
     return with_records(log, records)
 
 
+def _told_late(log: Log, rng: np.random.Generator) -> Log:
+    """Odometry that stands for some seconds, again and again, and then tells of all of the way at once."""
+    seed = int(rng.integers(2**63))
+
+    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
+        drawn = np.random.default_rng(seed)
+        begins_s, held = math.nan, None
+        for record in of:
+            if math.isnan(begins_s):
+                begins_s = record.time_s + drawn.uniform(0.0, _LATE_EVERY_S)
+            if held is None and record.time_s >= begins_s:
+                held = record
+            if held is not None and record.time_s > held.time_s + _LATE_S:
+                held, begins_s = None, record.time_s + drawn.uniform(0.5, 1.5) * _LATE_EVERY_S
+            yield record if held is None else replace(record, T_odom_base=held.T_odom_base)
+
+    return with_records(log, records)
+
+
 def _lost_turned_and_frozen(log: Log, rng: np.random.Generator) -> Log:
     return _frozen(_turned(_some_scans_lost(log, rng), rng), rng)
 
@@ -169,4 +190,5 @@ DAMAGES: dict[str, Change] = {
     "headings alone jump by a right angle": _heading_turned,
     f"odometry stuck for {_FROZEN_S:g} s": _stuck,
     "a third of the scans lost, a jump and a laser that freezes": _lost_turned_and_frozen,
+    f"odometry told late by {_LATE_S:g} s, twice a minute": _told_late,
 }

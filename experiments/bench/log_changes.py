@@ -9,8 +9,9 @@ import numpy as np
 
 from slam.arrays import BoolArray
 from slam.measurements import LaserScan
-from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.log import Log, LogRecords
 from slam.readers.log_odometry import unknown_motion
+from slam.readers.log_record import LogRecord
 from slam.se2 import SE2
 
 Change = Callable[[Log, np.random.Generator], Log]

@@ -22,13 +22,14 @@ from slam.readers.carmen_lines import (
     odometry_of,
 )
 from slam.readers.lines import text_lines, told_if_cut
-from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.log import Log, LogRecords
 from slam.readers.log_odometry import (
     USUAL_NOISE,
     LogOdometryNoise,
     ScansBetweenPoses,
     unknown_motion,
 )
+from slam.readers.log_record import LogRecord
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.silent_wheels import SILENT, SilentWheels

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.measurements import LaserScan, Measurement
+from slam.measurements import Measurement
 from slam.odometry import WheelModel, compose_covariance
+from slam.readers.late_odometry import LateOdometry
+from slam.readers.log_record import LogRecord
 from slam.readers.record_faults import RecordFaults
 from slam.se2 import SE2
 
@@ -28,15 +30,6 @@ class LogChoice:
     scan_topic: str | None = None
     odom_topic: str | None = None
     T_base_laser: SE2 | None = None
-
-
-@dataclass(frozen=True)
-class LogRecord:
-    """One entry of a log: the robot's pose by wheel odometry alone, and the scan if it has one."""
-
-    time_s: float
-    T_odom_base: SE2
-    scan: LaserScan | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +82,21 @@ class Log:
     def measurements(self) -> Iterator[Measurement]:
         """One Measurement per scan, with the motion over all odometry records since the last."""
         motion = MotionSinceScan(self.noise)
-        for record in self.records:
+        for record in self.records_in_time():
             measurement = motion.add(record)
             if measurement is not None:
                 yield measurement
+
+    def records_in_time(self) -> Iterator[LogRecord]:
+        """The records, as many as there are, with the ways that odometry told late told in time: see
+        `LateOdometry`."""
+        if not self.has_odometry:
+            yield from self.records
+            return
+        odometry = LateOdometry()
+        for record in self.records:
+            yield from odometry.take(record)
+        yield from odometry.rest()
 
 
 class MotionSinceScan:
@@ -123,6 +127,8 @@ class MotionSinceScan:
             if step is not told:
                 self._T_fix = self.T_odom_base @ step @ record.T_odom_base.inverse()
             noise = self._noise(step) if unsure is None else self._noise(step) + unsure
+            late_m, late_rad = record.late_sigma
+            noise = noise + np.diag(np.square([late_m, late_m, late_rad]))
             self._covariance = compose_covariance(self._covariance, step, noise)
             self._motion = self._motion @ step
         self._T_odom_last = record.T_odom_base

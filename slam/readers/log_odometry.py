@@ -11,7 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan
-from slam.readers.log import LogRecord
+from slam.readers.log_record import LogRecord
 from slam.se2 import SE2
 
 _MOST_WAITING = 256

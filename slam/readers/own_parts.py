@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
-from slam.readers.log import LogRecord
+from slam.readers.log_record import LogRecord
 
 _NEAR_M = 1.0
 """Farther, a robot has no parts in its laser's plane."""

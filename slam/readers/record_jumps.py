@@ -7,16 +7,13 @@ import math
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.readers.pace import FASTEST, Pace
 from slam.readers.record_clock import RecordClock
 from slam.se2 import SE2
 
 _STILL = SE2.identity()
 _FAR = 0.5
 """[m], [rad] more than the record before: less is as a slip of wheels, which scans bear."""
-_FASTEST = 4.0, 4.0
-"""[m/s], [rad/s] that any robot may go; mit-csail's odometry, which comes late at times, tells of 3.9."""
-_FASTER, _LEFT_OUT = 1.5, 2
-"""Of the fastest that the robot went before, but for so many: these may have been told late."""
 _USUAL, _KNOWN = (2.0, 4.0), 1000
 """[m/s], [rad/s] that a robot may go though it never did, and records on its way from which that is known. What
 is faster, and no more than any robot goes, may be a jump."""
@@ -43,7 +40,7 @@ class RecordJumps:
 
     def __init__(self) -> None:
         self._clock = RecordClock()
-        self._along, self._turning = _Pace(), _Pace()
+        self._along, self._turning = Pace(), Pace()
         self._before, self._in_a_row, self._driven = _STILL, 0, 0
         self._late_s = self._silent_s = 0.0
         self._way_m2 = self._aside_m2 = 0.0
@@ -63,7 +60,7 @@ class RecordJumps:
         motion = self._heading.turned_back(motion)
         way_m, turn_rad = _way(motion)
         is_far = max(way_m, turn_rad) > _FAR
-        if is_far and self._is_faster(motion, late_s, _FASTEST):
+        if is_far and self._is_faster(motion, late_s, FASTEST):
             self._in_a_row += 1
             if self._aside_m2 <= _ASIDE * self._way_m2:
                 self._heading.jumped((self._before.inverse() @ motion).theta)
@@ -114,24 +111,6 @@ class RecordJumps:
 def _way(motion: SE2) -> tuple[float, float]:
     """How far [m] and by how much [rad] a robot went and turned."""
     return math.hypot(motion.x, motion.y), abs(motion.theta)
-
-
-class _Pace:
-    """How fast a robot went, along or turning."""
-
-    def __init__(self) -> None:
-        self._fastest = [0.0] * (1 + _LEFT_OUT)
-
-    def most_in(self, elapsed_s: float, late_s: float, floor: float) -> float:
-        """As far it may go in a record, as fast as a floor at least, and in a time before: there no faster than
-        ever."""
-        fastest = self._fastest[0]
-        return max(floor, _FASTER * fastest) * elapsed_s + fastest * late_s
-
-    def take(self, speed: float) -> None:
-        """Notes one that may be its own."""
-        if speed > self._fastest[0]:
-            self._fastest = sorted([*self._fastest[1:], speed])
 
 
 class _Heading:

@@ -16,13 +16,14 @@ from typing import Any
 
 from slam.measurements import check_stamped
 from slam.readers.bag_files import LASER_SCAN, MOST_NAMED, ODOMETRY, TF, Bag, BagMessage, Topic
-from slam.readers.log import Log, LogChoice, LogRecord, LogRecords
+from slam.readers.log import Log, LogChoice, LogRecords
 from slam.readers.log_odometry import (
     USUAL_NOISE,
     LogOdometryNoise,
     ScansBetweenPoses,
     unknown_motion,
 )
+from slam.readers.log_record import LogRecord
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.scan_message import ScanMessage

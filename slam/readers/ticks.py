@@ -19,7 +19,8 @@ from slam.arrays import BoolArray, FloatArray
 from slam.measurements import LATEST_S, LaserScan
 from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.readers.lines import text_lines, told_if_cut
-from slam.readers.log import Log, LogRecord, LogRecords
+from slam.readers.log import Log, LogRecords
+from slam.readers.log_record import LogRecord
 from slam.readers.no_return import NoReturnSearch
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.sweep_clock import rhythm

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.readers.carmen import read_carmen
-from slam.readers.log import LogRecord
+from slam.readers.log_record import LogRecord
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.se2 import SE2
 from tests.slam.synthetic import room, scan_of

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from slam.readers.log import LogRecord, MotionSinceScan
+from slam.readers.log import MotionSinceScan
 from slam.readers.log_odometry import USUAL_NOISE
+from slam.readers.log_record import LogRecord
 from slam.readers.record_gaps import RecordGaps
 from slam.se2 import SE2
 

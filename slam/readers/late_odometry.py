@@ -1,0 +1,162 @@
+"""Odometry that is told late: it stands while the robot drives on, and makes up for it in one record."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from slam.readers.log_record import LogRecord
+from slam.readers.pace import FASTEST, Pace
+from slam.readers.record_clock import RecordClock
+from slam.running_median import RunningMedian
+from slam.se2 import SE2
+
+_NOTHING = 1e-6
+"""[m], [rad]: records that differ by less say the same."""
+_BRIEF = 0.5
+"""Usual intervals: a scan's record that comes as soon says again where the odometry's own was."""
+_WAITS_S, _WAITING = 10.0, 2048
+"""After so long, or with so many records that wait, it is believed that it stands. Encoders drop out for as long."""
+_HERE, _LIKE = (0.02, 0.01), 0.8
+"""[m], [rad] of odometry between two scans of one place, and the share of beams that then measure the same; see
+`RecordDropouts`."""
+_SPEEDS, _LEAST, _SLOW_MPS = 201, 20, 0.02
+"""Remembered, needed to say how fast the robot usually goes, and too slow to tell."""
+_TOO_FAST, _TOO_FAST_RADPS = 2.0, 2.0
+"""Usual speeds, and a turn, that a record makes up by: robots that merely drive on go slower."""
+_TURNS_RADPS = 0.75
+"""That any robot may."""
+_UNEVEN_PER_S2, _UNEVEN = 0.025, 0.35
+"""Share of a way by which a robot is off in the middle of it that is taken to drive evenly: it speeds up and brakes,
+and in some seconds may do anything. Chosen, all of them."""
+
+
+class LateOdometry:
+    """Told of the records of a log one by one, it gives them with the ways that were told late told in time.
+
+    Records of odometry that stands wait until a scan shows that the robot does, or until odometry moves; if it
+    then tells of more than a robot goes in a record, and of no more than it goes since it stood, it went there
+    evenly. That is told only where a scan lies between: all others see the way as a whole.
+    """
+
+    def __init__(self) -> None:
+        self._clock, self._speeds_mps = RecordClock(), RunningMedian(_SPEEDS)
+        self._along, self._turning = Pace(), Pace()
+        self._last: LogRecord | None = None
+        self._seen: LogRecord | None = None
+        self._waiting: list[LogRecord] = []
+        self._waited_s, self._has_stood, self._is_given_up = 0.0, False, False
+
+    def take(self, record: LogRecord) -> Iterator[LogRecord]:
+        """The next record; of those that waited and itself, all that need wait no more."""
+        self._clock.take(record.time_s)
+        last = self._waiting[-1] if self._waiting else self._last
+        if last is None:
+            yield self._gone_on(record)
+        elif record.T_odom_base.is_near(last.T_odom_base, _NOTHING, _NOTHING):
+            yield from self._standing(record)
+        else:
+            yield from self._moving(record, last.T_odom_base.inverse() @ record.T_odom_base)
+
+    def rest(self) -> Iterator[LogRecord]:
+        """Those that still waited at the end."""
+        yield from self._let_go()
+
+    def _gone_on(self, record: LogRecord) -> LogRecord:
+        """A record that need not wait: the next may begin to."""
+        self._last = record
+        if record.scan is not None:
+            self._seen = record
+        return record
+
+    def _let_go(self) -> list[LogRecord]:
+        """Those that waited, as they are."""
+        let_go, self._waiting, self._waited_s = self._waiting, [], 0.0
+        if let_go:
+            self._last = let_go[-1]
+        return let_go
+
+    def _standing(self, record: LogRecord) -> Iterator[LogRecord]:
+        """A record that says the same as the last one."""
+        since_s = self._clock.since_s
+        is_brief = not since_s > _BRIEF * self._clock.usual_s
+        if not self._waiting and (self._is_given_up or is_brief):
+            yield self._gone_on(record)
+            return
+        self._waiting.append(record)
+        self._waited_s += max(since_s, 0.0)
+        if record.scan is not None and self._stands_still(record):
+            yield from self._let_go()
+        elif self._waited_s > _WAITS_S or len(self._waiting) == _WAITING:
+            self._is_given_up = True
+            yield from self._let_go()
+
+    def _stands_still(self, record: LogRecord) -> bool:
+        """Whether a scan shows that the robot does as odometry says; if it shows that it does not, that is noted."""
+        seen = self._seen
+        if seen is None or not record.T_odom_base.is_near(seen.T_odom_base, *_HERE):
+            self._seen = record
+            return False
+        assert record.scan is not None
+        assert seen.scan is not None
+        self._has_stood = record.scan.likeness(seen.scan) >= _LIKE
+        return self._has_stood
+
+    def _moving(self, record: LogRecord, motion: SE2) -> Iterator[LogRecord]:
+        """A record that tells of a motion since the last one."""
+        way_m, turn_rad = math.hypot(motion.x, motion.y), abs(motion.theta)
+        elapsed_s = self._clock.elapsed_s
+        if self._waiting and self._is_late(record, way_m, turn_rad):
+            elapsed_s = record.time_s - self._before.time_s
+            *waiting, record = self._told_in_time(record, motion)
+            self._let_go()
+            yield from waiting
+        else:
+            yield from self._let_go()
+        if way_m <= FASTEST[0] * elapsed_s and turn_rad <= FASTEST[1] * elapsed_s:
+            self._along.take(way_m / elapsed_s)
+            self._turning.take(turn_rad / elapsed_s)
+            if way_m > _SLOW_MPS * elapsed_s:
+                self._speeds_mps.take(way_m / elapsed_s)
+        self._has_stood = self._is_given_up = False
+        yield self._gone_on(record)
+
+    @property
+    def _before(self) -> LogRecord:
+        """The one that the first of those that wait says the same as."""
+        assert self._last is not None
+        return self._last
+
+    def _is_late(self, record: LogRecord, way_m: float, turn_rad: float) -> bool:
+        """Whether a way may be all that was driven while odometry stood, and no record's."""
+        elapsed_s, since_s = self._clock.elapsed_s, record.time_s - self._before.time_s
+        if self._has_stood or not since_s > elapsed_s or len(self._speeds_mps) < _LEAST:
+            return False
+        if all(one.scan is None for one in self._waiting):
+            return False
+        usual_m = self._speeds_mps.median * elapsed_s
+        is_too_fast = way_m > _TOO_FAST * usual_m or turn_rad > _TOO_FAST_RADPS * elapsed_s
+        most_m = self._along.most_in(since_s, 0.0, 0.0)
+        most_rad = self._turning.most_in(since_s, 0.0, _TURNS_RADPS)
+        return is_too_fast and way_m <= most_m and turn_rad <= most_rad
+
+    def _told_in_time(self, late: LogRecord, motion: SE2) -> Iterator[LogRecord]:
+        """Those that waited, evenly on the arc of a motion, and the one that told of it, each as unsure as its
+        share of the time."""
+        before = self._before
+        since_s, tangent = late.time_s - before.time_s, motion.log()
+        way_m, turn_rad = math.hypot(motion.x, motion.y), abs(motion.theta)
+        # steps that are each as far off by themselves are twice as far off at the end as in the middle of ways
+        # of which the ends are known
+        uneven = 2.0 * min(_UNEVEN_PER_S2 * since_s**2, _UNEVEN)
+        sigma_m, sigma_rad = uneven * way_m * (1.0 + turn_rad / 4.0), uneven * turn_rad
+        share = 0.0
+        for one in (*self._waiting, late):
+            then, share = share, min(max((one.time_s - before.time_s) / since_s, share), 1.0)
+            part = math.sqrt(share - then)
+            T_odom_base = before.T_odom_base @ SE2.exp(share * tangent)
+            yield replace(
+                one, T_odom_base=late.T_odom_base if one is late else T_odom_base,
+                late_sigma=(part * sigma_m, part * sigma_rad),
+            )  # fmt: skip
