@@ -67,16 +67,12 @@ class ComparedWays:
         self._pieces: list[_Piece] = []
         self._ahead: tuple[float, float] | None = None
         self._is_after_gap = False
-        self._stood: list[tuple[float, float]] = []
-        self._is_all_told = True
         self._begin()
 
     def interrupt(self) -> None:
         """Notes a scan that does not tell how far the robot went."""
         self._begin()
         self._is_after_gap = True
-        if self._ahead is not None:
-            self._is_all_told = False
 
     def _begin(self) -> None:
         self._by_wheels_m = self._by_scans_m = self._variance_m2 = self._turn_rad = 0.0
@@ -85,8 +81,6 @@ class ComparedWays:
     def take(self, by_wheels: SE2, variance_m2: float, by_scan: SE2, step: FrontEndStep) -> None:
         """Notes the motion since the last scan, by the wheels and by a scan that was matched. Wheels
         that tell of none may tell of it later: what scans see until then is of the same way."""
-        if step.stood_since_s is not None:
-            self._stood.append((step.stood_since_s, step.time_s))
         way_m = math.hypot(by_wheels.x, by_wheels.y)
         is_silent = way_m <= _SILENT_M
         if not is_silent:
@@ -152,20 +146,12 @@ class ComparedWays:
             ]
         return self._left_out()
 
-    def _is_of_stand(self, piece: _Piece) -> bool:
-        """Whether it is of a time in which scans showed that the robot stood, or begins or ends in one."""
-        return any(piece.from_s <= to_s and piece.to_s >= from_s for from_s, to_s in self._stood)
-
     def _left_out(self) -> list[str]:
-        """The stretch along which scans fell short of the wheels most: a cumulative sum (Page, 1954). Not where
-        scans showed that the robot stood, if they told each step of its way: else wheels may have spun elsewhere,
-        and nobody saw it."""
+        """The stretch along which scans fell short of the wheels most: a cumulative sum (Page, 1954)."""
         usual = self._usual
         worst_m, worst = 0.0, (0, 0)
         short_m, first = 0.0, 0
         for k, piece in enumerate(self._pieces):
-            if self._is_all_told and self._is_of_stand(piece):
-                continue
             expected_m = usual * piece.by_wheels_m
             short_m += (1.0 - _SHORT) * expected_m - piece.swing_m - piece.by_scans_m
             if short_m <= 0.0:

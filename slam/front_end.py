@@ -26,7 +26,6 @@ from slam.people_along import PeopleAlong
 from slam.prediction import Prediction
 from slam.se2 import SE2
 from slam.slipped_wheels import SlippedWheels
-from slam.spun_wheels import SpunWheels
 from slam.straightening import Straightener
 from slam.strays import ToldStep, apart_m, told_step
 from slam.surface_map import SurfaceMatch, faced
@@ -52,7 +51,6 @@ class FrontEnd:
         known = self._window.surfaces, self.keyframes, self.config
         self._candidates, self._people = Candidates(*known), PeopleAlong(*known)
         self._slipped_wheels = SlippedWheels(*known)
-        self._spun_wheels = SpunWheels(self._window.surfaces)
         self._open_run = OpenRun(self.config)
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
@@ -72,7 +70,6 @@ class FrontEnd:
         if match is not None and status is StepStatus.MATCHED:
             told, match = self._without_people(told, match, points, beams)
         is_open = match is not None and self._is_open(match, points, told)
-        stood_since_s = self._stood_since_s(measurement, points, match, is_open or told.is_guess)
         is_told = (match and not is_open) or status is StepStatus.BROKEN
         self._open_m = 0.0 if is_told else self._open_way_m(told, match)
         by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
@@ -121,7 +118,7 @@ class FrontEnd:
         return FrontEndStep(
             measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
             0.0 if match is None else match.inlier_ratio, is_new, is_open=is_open,
-            passed_ratio=passed_ratio, is_tied=tied is not None, stood_since_s=stood_since_s,
+            passed_ratio=passed_ratio, is_tied=tied is not None,
         )  # fmt: skip
 
     def _predicted(self, measurement: Measurement, other: SE2 | None) -> Prediction:
@@ -178,20 +175,6 @@ class FrontEnd:
             covariance = self._P + np.diag(np.square(reach))
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         return ToldStep(T_keyframe.inverse() @ told.T_map_base, covariance)
-
-    def _stood_since_s(
-        self,
-        measurement: Measurement,
-        points: FloatArray,
-        match: SurfaceMatch | None,
-        is_unknown: bool,
-    ) -> float | None:
-        """See `SpunWheels.take`."""
-        if match is None or is_unknown:
-            self._spun_wheels.interrupt()
-            return None
-        motion = self.wheel_scale.scaled(measurement.motion)
-        return self._spun_wheels.take(measurement.time_s, points, match, motion)
 
     def _joined(
         self, match: SurfaceMatch, status: StepStatus, told: Prediction, is_open: bool

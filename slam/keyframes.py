@@ -80,8 +80,7 @@ class FrontEndStep:
     """Where a scan was placed: as seen from the keyframe of that index (-1: the origin of its
     session, if that has none); and how well it fits. T_map_base: as in `Keyframe`. is_open: the scan
     itself leaves a direction open, as between two walls. passed_ratio: share of what a keyframe shortly
-    before shows in its view that its beams went through. is_tied: it moved the scans before it. stood_since_s:
-    since when the robot had stood, as scans showed, though its wheels told of a way; None where they did not."""
+    before shows in its view that its beams went through. is_tied: it moved the scans before it."""
 
     time_s: float
     keyframe: int
@@ -94,7 +93,6 @@ class FrontEndStep:
     is_open: bool = False
     passed_ratio: float = 0.0
     is_tied: bool = False
-    stood_since_s: float | None = None
 
     def placed(self, poses: FloatArray) -> SE2:
         """Where it was taken, with keyframes at poses (K, 3)."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.front_end_config import FrontEndConfig
@@ -14,7 +16,6 @@ from slam.people_along import CLEAN, MOST_FACING, SeenBefore
 from slam.prediction import Prediction
 from slam.still_scans import StillScans
 from slam.surface_map import SurfaceMap, SurfaceMatch
-from slam.things_across import without_one_thing
 
 _SPUN, _STILL = (0.15, 0.05), (0.05, 0.02)
 """[m], [rad] by which wheels must lead off where the robot stood, and within which a scan says that it stands.
@@ -33,6 +34,8 @@ _NO_WAY_M = 0.02
 """Wheels that tell of less all at once, of a robot that drives on, did not slip: they tell of it at the next scan.
 Chosen: of drives by odometry told at each second scan 15 of 24 were right and good, and nine without this; asked of all
 wheels that stand, those that tell late of a start were worse."""
+_FACING, _THING_M = 0.7, 0.75
+"""Cosine to the way of what faces it, and how far about its middle a thing reaches, as a cart or two people. Chosen."""
 
 
 class SlippedWheels:
@@ -99,9 +102,13 @@ class SlippedWheels:
         """Whether a scan lies there as well without the one thing that most of what faces the way is of: that
         may have stood until now."""
         off = alone.T_map_base.inverse() @ led.T_map_base
-        rest = without_one_thing(self._surfaces, points, math.atan2(off.y, off.x))
-        if rest is None:
+        facing = np.cos(points[:, 2] - math.atan2(off.y, off.x))
+        across = self._surfaces.thinned(points[np.abs(facing) > _FACING, :2])
+        if len(across) == 0:
             return False
+        apart_m = np.hypot(*(across[:, None] - across).T)
+        thing = across[np.argmax((apart_m < _THING_M).sum(axis=0))]
+        rest = points[np.hypot(*(points[:, :2] - thing).T) > _THING_M]
         again = self._surfaces.match_alone(rest, led.T_map_base)
         is_told = again.least_facing >= self._config.least_facing
         return is_told and again.T_map_base.is_near(alone.T_map_base, *_STILL)

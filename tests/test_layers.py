@@ -91,7 +91,6 @@ RANKS = (
         "wheel_prior",
         "constant_velocity",
         "surface_window",
-        "things_across",
     }
     | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
     {
@@ -116,7 +115,6 @@ RANKS = (
         "people_along",
         "prediction",
         "slipped_wheels",
-        "spun_wheels",
         "still_scans",
         "loose_runs",
         "looseness",
