@@ -7,22 +7,17 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from slam.readers.log_record import LogRecord
-from slam.readers.pace import FASTEST, Pace
+from slam.readers.pace import FASTEST, Pace, UsualSpeed
 from slam.readers.record_clock import RecordClock
-from slam.running_median import RunningMedian
+from slam.readers.record_dropouts import LIKE, NOTHING
 from slam.se2 import SE2
 
-_NOTHING = 1e-6
-"""[m], [rad]: records that differ by less say the same."""
 _BRIEF = 0.5
 """Usual intervals: a scan's record that comes as soon says again where the odometry's own was."""
 _WAITS_S, _WAITING = 10.0, 2048
 """After so long, or with so many records that wait, it is believed that it stands. Chosen."""
-_HERE, _LIKE = (0.02, 0.01), 0.8
-"""[m], [rad] of odometry between two scans of one place, and the share of beams that then measure the same; see
-`RecordDropouts`."""
-_SPEEDS, _LEAST, _SLOW_MPS = 201, 20, 0.02
-"""Remembered, needed to say how fast the robot usually goes, and too slow to tell."""
+_HERE = 0.02, 0.01
+"""[m], [rad] of odometry between two scans of one place: these look alike."""
 _TOO_FAST, _TOO_FAST_RADPS = 2.0, 2.0
 """Usual speeds, and a turn, that a record makes up by: robots that merely drive on go slower, of 100 records of
 aces all but six."""
@@ -48,7 +43,7 @@ class LateOdometry:
     """
 
     def __init__(self) -> None:
-        self._clock, self._speeds_mps = RecordClock(), RunningMedian(_SPEEDS)
+        self._clock, self._usual = RecordClock(), UsualSpeed()
         self._along, self._turning = Pace(), Pace()
         self._last: LogRecord | None = None
         self._seen: LogRecord | None = None
@@ -62,7 +57,7 @@ class LateOdometry:
         last = self._waiting[-1] if self._waiting else self._last
         if last is None:
             return [self._gone_on(record)]
-        if record.T_odom_base.is_near(last.T_odom_base, _NOTHING, _NOTHING):
+        if record.T_odom_base.is_near(last.T_odom_base, NOTHING, NOTHING):
             return self._standing(record)
         return self._moving(record, last.T_odom_base.inverse() @ record.T_odom_base)
 
@@ -107,7 +102,7 @@ class LateOdometry:
             return False
         assert record.scan is not None
         assert seen.scan is not None
-        self._has_stood = record.scan.likeness(seen.scan) >= _LIKE
+        self._has_stood = record.scan.likeness(seen.scan) >= LIKE
         return self._has_stood
 
     def _moving(self, record: LogRecord, motion: SE2) -> list[LogRecord]:
@@ -122,8 +117,7 @@ class LateOdometry:
             self._along.take(way_m / elapsed_s)
             self._turning.take(turn_rad / elapsed_s)
             self._pace_mps = way_m / elapsed_s
-            if self._pace_mps > _SLOW_MPS:
-                self._speeds_mps.take(self._pace_mps)
+            self._usual.take(self._pace_mps)
         self._has_stood = self._is_given_up = False
         return [*told, self._gone_on(record)]
 
@@ -136,15 +130,13 @@ class LateOdometry:
     def _is_late(self, record: LogRecord, way_m: float, turn_rad: float) -> bool:
         """Whether a way may be all that was driven while odometry stood, and no record's."""
         elapsed_s, since_s = self._clock.elapsed_s, record.time_s - self._before.time_s
-        if self._has_stood or not since_s > elapsed_s or len(self._speeds_mps) < _LEAST:
+        usual_mps = self._usual.mps
+        if self._has_stood or not since_s > elapsed_s or usual_mps is None:
             return False
         if all(one.scan is None for one in self._waiting):
             return False
-        usual_mps = self._speeds_mps.median
-        is_way, is_turn = (
-            way_m > max(_TOO_FAST * usual_mps * elapsed_s, _ENOUGH * usual_mps * since_s),
-            turn_rad > max(_TOO_FAST_RADPS * elapsed_s, _ENOUGH_RADPS * since_s),
-        )
+        is_way = way_m > usual_mps * max(_TOO_FAST * elapsed_s, _ENOUGH * since_s)
+        is_turn = turn_rad > max(_TOO_FAST_RADPS * elapsed_s, _ENOUGH_RADPS * since_s)
         # who drove on, and does not tell of it, has lost it: encoders dropped out, and jumped
         is_turn &= self._pace_mps < _DROVE * usual_mps
         most_m = self._along.most_in(since_s, 0.0, 0.0)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from slam.running_median import RunningMedian
+
 FASTEST = 4.0, 4.0
 """[m/s], [rad/s] that any robot may go; mit-csail's odometry, which comes late at times, tells of 3.9."""
 _FASTER, _LEFT_OUT = 1.5, 2
 """Of the fastest that the robot went before, but for so many: these may have been told late. Chosen, all of them."""
+_SPEEDS, _LEAST, _SLOW_MPS = 201, 20, 0.02
+"""Remembered, and needed to say how fast the robot usually goes; slower, it stands. Chosen."""
 
 
 class Pace:
@@ -24,3 +28,20 @@ class Pace:
         """Notes one that may be its own."""
         if speed > self._fastest[0]:
             self._fastest = sorted([*self._fastest[1:], speed])
+
+
+class UsualSpeed:
+    """How fast a robot goes that does not stand."""
+
+    def __init__(self) -> None:
+        self._speeds_mps = RunningMedian(_SPEEDS)
+
+    def take(self, speed_mps: float) -> None:
+        """Notes one."""
+        if speed_mps > _SLOW_MPS:
+            self._speeds_mps.take(speed_mps)
+
+    @property
+    def mps(self) -> float | None:
+        """In the median of the last ones; None where they are too few."""
+        return None if len(self._speeds_mps) < _LEAST else self._speeds_mps.median

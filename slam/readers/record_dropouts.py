@@ -8,21 +8,19 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.measurements import LaserScan
+from slam.readers.pace import UsualSpeed
 from slam.readers.record_clock import RecordClock
-from slam.running_median import RunningMedian
 from slam.se2 import SE2
 
-_SPEEDS, _LEAST = 201, 20
-"""Remembered, and needed to say how fast the robot usually goes."""
-_NOTHING = 1e-6
+NOTHING = 1e-6
 """[m], [rad]: records that differ by less say the same."""
-_SLOW_MPS, _PACE = 0.02, 0.5
-"""Slower, it stands; and the share of its usual speed at which no robot stops."""
+_PACE = 0.5
+"""Share of its usual speed at which no robot stops."""
 _BRAKES_MPS2 = 0.5
 """Chosen: of 307 stands in five real logs none of a second begins so."""
 _STANDS_S = 1.0, 30.0
 """Drivers tell the same several times, and ticks are few, for less; whoever stands for longer has stood."""
-_LIKE = 0.8
+LIKE = 0.8
 """Share of a scan's beams that measure the same where the robot stands: cheap lasers lose some. Of
 scans taken 0.3 m apart and more, in four real logs, one of a hundred is as alike. Chosen, all of them."""
 
@@ -31,7 +29,7 @@ class RecordDropouts:
     """Told of all records, how unsure their motions are where odometry stands that was driving just now."""
 
     def __init__(self) -> None:
-        self._clock, self._speeds_mps = RecordClock(), RunningMedian(_SPEEDS)
+        self._clock, self._usual = RecordClock(), UsualSpeed()
         self._pace_mps = self._pace_radps = 0.0
         self._untold_m2 = self._untold_rad2 = 0.0
         self._is_abrupt = False
@@ -44,7 +42,7 @@ class RecordDropouts:
         if not self._clock.since_s > 0.0:  # the first record, and stamps that stand or go back
             return
         way_m, turn_rad = math.hypot(motion.x, motion.y), abs(motion.theta)
-        if max(way_m, turn_rad) < _NOTHING:
+        if max(way_m, turn_rad) < NOTHING:
             self._still_s += self._clock.since_s
             return
         if self._is_unsure:
@@ -54,8 +52,7 @@ class RecordDropouts:
         # where a few records say the same by turns, one tells of the time since the last that did not
         elapsed_s = self._clock.elapsed_s + self._still_s
         self._pace_mps, self._pace_radps = way_m / elapsed_s, turn_rad / elapsed_s
-        if self._pace_mps > _SLOW_MPS:
-            self._speeds_mps.take(self._pace_mps)
+        self._usual.take(self._pace_mps)
         self._is_abrupt = self._is_full_pace(elapsed_s)
         self._still_s = self._told_s = 0.0
 
@@ -63,7 +60,7 @@ class RecordDropouts:
         """(3, 3) to be added to that of the motion since the scan before, in the robot's frame at its end: as
         far as it would have gone on; None where odometry is believed, or a scan sees that the robot stands."""
         if self._is_unsure:
-            if self._before is not None and scan.likeness(self._before) >= _LIKE:
+            if self._before is not None and scan.likeness(self._before) >= LIKE:
                 self._is_abrupt, self._untold_m2, self._untold_rad2 = False, 0.0, 0.0
             else:
                 self._tell_stand()
@@ -87,6 +84,7 @@ class RecordDropouts:
 
     def _is_full_pace(self, elapsed_s: float) -> bool:
         """Whether no robot stops from one such record to the next."""
-        if len(self._speeds_mps) < _LEAST:
+        usual_mps = self._usual.mps
+        if usual_mps is None:
             return False
-        return self._pace_mps > max(_PACE * self._speeds_mps.median, _BRAKES_MPS2 * elapsed_s)
+        return self._pace_mps > max(_PACE * usual_mps, _BRAKES_MPS2 * elapsed_s)
