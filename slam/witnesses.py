@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,11 @@ class Witnesses:
             through += (passed := int(np.count_nonzero(said == THROUGH)))
             seen += passed + int(np.count_nonzero(said == NOT_THROUGH))
         return seen, through
+
+    def next_to(self, k: int) -> Iterator[int]:
+        """The last keyframe before one, and the first after it, that are more than their place."""
+        for ks in (range(k - 1, -1, -1), range(k + 1, len(self._keyframes))):
+            yield from islice((at for at in ks if not self._keyframes[at].is_place_alone), 1)
 
     def stands(self, k: int) -> BoolArray:
         """(N,) which points of a keyframe were there before and after it too, as far as anybody saw."""

@@ -392,6 +392,18 @@ def test_wall_seen_along_is_not_passed_by_a_hair(slam_map):
     assert passed(one, one, SE2(0.0, -0.3, 0.0), margins, 0.1)[1] > 20
 
 
+@pytest.mark.parametrize(("count", "is_told"), [(1, False), (8, True)])
+def test_what_one_scan_says_against_all_others_is_no_contradiction_of_the_map(
+    slam_map, count, is_told
+):
+    # somebody ahead filled two scans of a right map of trees and houses, which 2 % of pairs denied
+    poses = slam_map.poses.copy()
+    poses[5 : 5 + count, 2] += 1.5
+    verdict = judged(slam_map.keyframes, poses, slam_map.loops, ())
+    assert (verdict.bad_pairs > ConsistencyConfig().most_bad_pairs) is is_told
+    assert (verdict.bad_pairs > 0.0) is is_told
+
+
 def test_map_torn_in_two_is_called_failed_unless_a_loop_ties_it(slam_map):
     middle = len(slam_map.keyframes) // 2
     torn = list(slam_map.keyframes)
