@@ -22,6 +22,9 @@ from slam.wheel_scale import MEDIAN_NIS
 _MOST_M = 0.2
 """Standard deviation of a place. Chosen: 2.5 times as much is what a pose may be off in a map that is
 right, so that one of a hundred is off by more."""
+_VAGUE_M = 0.1
+"""Of a step by wheels, up to which a scan that leaves open how far the robot went is placed by them. Chosen: of
+scans a metre apart it is 0.03 m."""
 _JUMPS = 1
 """Steps that nobody measured, up to which the others say from both sides where the robot was."""
 _STANDS, _STANDING = 1e-6, 1e-3
@@ -71,13 +74,15 @@ def _blind(
     steps: Sequence[FrontEndStep], first_step: int, told: Sequence[ToldStep]
 ) -> Iterator[tuple[int, int]]:
     """The steps just before and after each run of those that tell nothing; nor do those that leave open how far
-    the robot went, where wheels that measure it otherwise did not."""
+    the robot went, where wheels that measure it otherwise did not, or only say where all of them led."""
     has_wheels = not all(one.is_guess for one in told[1:])
     start: int | None = None
     for at in range(first_step, len(steps)):
-        step = steps[at]
-        is_loose = has_wheels and step.is_open and told[at - first_step].is_guess
-        if step.is_keyframe or not (is_loose or step.status is StepStatus.CARRIED):
+        step, way = steps[at], told[at - first_step]
+        is_loose = has_wheels and step.is_open
+        is_blind = step.status is StepStatus.CARRIED or (is_loose and way.is_guess)
+        is_vague = is_loose and place_sigma_m(way.covariance) > _VAGUE_M
+        if not is_vague and (step.is_keyframe or not is_blind):
             if start is not None and at > start + 1:
                 yield start, at
             start = at

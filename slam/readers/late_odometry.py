@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from slam.se2 import SE2
 _BRIEF = 0.5
 """Usual intervals: a scan's record that comes as soon says again where the odometry's own was."""
 _WAITS_S, _WAITING = 10.0, 2048
-"""After so long, or with so many records that wait, it is believed that it stands. Chosen."""
+"""Before so long, or so many records, it is believed to have stood. Chosen."""
 _HERE = 0.02, 0.01
 """[m], [rad] of odometry between two scans of one place: these look alike."""
 _TOO_FAST, _TOO_FAST_RADPS = 2.0, 2.0
@@ -37,8 +38,8 @@ _WINDS_RAD = 0.25
 class LateOdometry:
     """Told of the records of a log one by one, it gives them with the ways that were told late told in time.
 
-    Records of odometry that stands wait until a scan shows that the robot does, or until odometry moves, ten seconds
-    at most; if it then tells of more than a robot goes in a record, and of about as much as it goes since it stood,
+    Records of odometry that stands wait until a scan shows that the robot does, or until odometry moves, each ten
+    seconds at most; if it then tells of more than a robot goes in a record, and of about as much as it goes since it stood,
     the robot went there evenly. That is told only where a scan lies between: all others see the way as a whole.
     """
 
@@ -47,9 +48,9 @@ class LateOdometry:
         self._along, self._turning = Pace(), Pace()
         self._last: LogRecord | None = None
         self._seen: LogRecord | None = None
-        self._waiting: list[LogRecord] = []
-        self._pace_mps = self._waited_s = 0.0
-        self._has_stood = self._is_given_up = False
+        self._waiting = deque[LogRecord]()
+        self._pace_mps = 0.0
+        self._has_stood = False
 
     def take(self, record: LogRecord) -> list[LogRecord]:
         """Notes the next record; of those that waited and itself, all that need wait no more."""
@@ -74,25 +75,29 @@ class LateOdometry:
 
     def _let_go(self) -> list[LogRecord]:
         """Those that waited, as they are."""
-        let_go, self._waiting, self._waited_s = self._waiting, [], 0.0
-        if let_go:
-            self._last = let_go[-1]
+        return [self._first_let_go() for _ in range(len(self._waiting))]
+
+    def _let_go_old(self) -> list[LogRecord]:
+        """Those of them that have waited long enough."""
+        let_go, last = list[LogRecord](), self._waiting[-1]
+        while len(self._waiting) > _WAITING or last.time_s - self._waiting[0].time_s > _WAITS_S:
+            let_go.append(self._first_let_go())
         return let_go
+
+    def _first_let_go(self) -> LogRecord:
+        self._last = self._waiting.popleft()
+        return self._last
 
     def _standing(self, record: LogRecord) -> list[LogRecord]:
         """A record that says the same as the last one."""
         since_s = self._clock.since_s
         is_brief = not since_s > _BRIEF * self._clock.usual_s
-        if not self._waiting and (self._is_given_up or is_brief):
+        if not self._waiting and is_brief:
             return [self._gone_on(record)]
         self._waiting.append(record)
-        self._waited_s += max(since_s, 0.0)
         if record.scan is not None and self._stands_still(record):
             return self._let_go()
-        if self._waited_s > _WAITS_S or len(self._waiting) == _WAITING:
-            self._is_given_up = True
-            return self._let_go()
-        return []
+        return self._let_go_old()
 
     def _stands_still(self, record: LogRecord) -> bool:
         """Whether a scan shows that the robot does as odometry says; if it shows that it does not, that is noted."""
@@ -108,17 +113,17 @@ class LateOdometry:
     def _moving(self, record: LogRecord, motion: SE2) -> list[LogRecord]:
         """A record that tells of a motion since the last one."""
         way_m, turn_rad = math.hypot(motion.x, motion.y), abs(motion.theta)
-        elapsed_s, told = self._clock.elapsed_s, self._waiting
+        elapsed_s, told = self._clock.elapsed_s, list(self._waiting)
         if told and self._is_late(record, way_m, turn_rad):
             elapsed_s = record.time_s - self._before.time_s
             *told, record = self._told_in_time(record, motion)
-        self._waiting, self._waited_s = [], 0.0
+        self._waiting.clear()
         if way_m <= FASTEST[0] * elapsed_s and turn_rad <= FASTEST[1] * elapsed_s:
             self._along.take(way_m / elapsed_s)
             self._turning.take(turn_rad / elapsed_s)
             self._pace_mps = way_m / elapsed_s
             self._usual.take(self._pace_mps)
-        self._has_stood = self._is_given_up = False
+        self._has_stood = False
         return [*told, self._gone_on(record)]
 
     @property

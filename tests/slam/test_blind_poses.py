@@ -214,3 +214,16 @@ def test_scans_that_leave_open_how_far_wheels_that_dropped_out_went_tell_nothing
     told = [sure, *[ToldStep(SE2.identity(), GUESS)] * (BLIND - 1), sure if has_wheels else None]
     told[-1] = told[-1] or ToldStep(SE2.identity(), GUESS)
     assert (said_of(told, steps) == []) is is_known
+
+
+@pytest.mark.parametrize("is_open", [True, False])
+def test_wheels_that_say_where_they_led_and_not_how_leave_open_what_scans_leave_open(is_open):
+    # odometry told late by 8 s: keyframes of aces between walls that look the same, 0.5 m off
+    seen = [
+        replace(one, status=StepStatus.MATCHED, is_keyframe=True, keyframe=1, is_open=is_open)
+        for one in steps_of()[FIRST:-1]
+    ]
+    steps = [*steps_of()[:FIRST], replace(seen[0], is_open=False), *seen[1:], steps_of()[-1]]
+    assert bool(said_of(told_by(0.15), steps)) is is_open
+    # less of a step is told well enough: see `open_ways`
+    assert said_of(told_by(0.09), steps, noise=10.0) == []

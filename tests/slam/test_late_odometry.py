@@ -145,6 +145,22 @@ def test_robot_that_stood_and_went_on_unseen_by_its_odometry_left_where_it_stood
     np.testing.assert_allclose(moved_m, 0.08 * np.arange(11), atol=1e-9)
 
 
+def test_odometry_that_stood_unseen_before_it_was_late_is_late_by_ten_seconds_at_most():
+    # a log that tells scans of a robot that drives alone: a minute without, and none of it was believed to be late
+    late = 20
+    told = [*DRIVE, *[STILL] * 300, *[STILL] * late, SE2((late + 1) * STEP.x, 0.0, 0.0)]
+    records = records_of(told, lambda k: k if k <= len(DRIVE) or k > len(DRIVE) + 300 else None)
+    given = in_time(records)
+    assert [one.time_s for one in given] == [one.time_s for one in records]
+    moved_m = [
+        math.hypot(*(one.T_odom_base.as_array() - records[31].T_odom_base.as_array())[:2])
+        for one in given
+    ]
+    assert max(moved_m[31:-53]) == 0.0
+    np.testing.assert_allclose(np.diff(moved_m[-50:]), (late + 1) * STEP.x / 51, rtol=0.05)
+    assert min(one.late_sigma[0] for one in given[-50:]) > 0.0
+
+
 def test_records_wait_only_while_it_is_open_whether_the_robot_stands():
     # a scan at the stamp of the odometry's own record, as most drivers write it, waits for nothing
     records = records_of(DRIVE, lambda k: None)
@@ -155,10 +171,15 @@ def test_records_wait_only_while_it_is_open_whether_the_robot_stands():
     # nor one that shows that the robot stands
     stands = records_of([*DRIVE, *[STILL] * 100], lambda k: min(k, 30))
     assert [len(given) for given in given_by(stands)] == [1] * len(stands) + [0]
-    # all others for ten seconds, and once
+    # all others for ten seconds
     dead = records_of([*DRIVE, *[STILL] * 100])
-    given = [len(given) for given in given_by(dead)]
-    assert given == [1] * 31 + [0] * 50 + [51] + [1] * 49 + [0]
+    *given, rest = given_by(dead)
+    waited_s = [
+        now.time_s - one.time_s for now, told in zip(dead, given, strict=True) for one in told
+    ]
+    np.testing.assert_allclose(waited_s[31:], 10.0 + INTERVAL_S, atol=INTERVAL_S + 1e-6)
+    assert len(waited_s) + len(rest) == len(dead)
+    assert len(rest) == pytest.approx(10.0 / INTERVAL_S, abs=1)
     # and what waits at the end is told
     assert [len(given) for given in given_by(dead[:40])] == [1] * 31 + [0] * 9 + [9]
 
