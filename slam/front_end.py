@@ -298,6 +298,7 @@ class FrontEnd:
         config, is_little = self.config, match.least_facing < self.config.least_facing
         # where odometry jumped, by as much, the place it was looked for from says nothing of others
         is_guessed = told.is_coasting or (told.is_guess and told.other is None)
+        is_guessed |= told.is_denied_stand(match)  # wheels that do not tell of all tell of nothing
         if not is_guessed or match.least_facing >= config.ample_facing:
             return is_little
         way_m = self._open_way_m(told, match)
@@ -306,7 +307,11 @@ class FrontEnd:
     def _open_way_m(self, told: Prediction, match: SurfaceMatch | None) -> float:
         """How far the robot went at most since the last scan that told its place."""
         ends = [told.T_map_base] + ([] if match is None else [match.T_map_base])
-        return self._open_m + max(apart_m(told.T_last, end) for end in ends)
+        way_m = max(apart_m(told.T_last, end) for end in ends)
+        if match is not None and told.is_denied_stand(match):  # it may have gone on
+            on = self._velocity.motion(self._elapsed_s) or SE2.identity()
+            way_m = max(way_m, math.hypot(on.x, on.y))
+        return self._open_m + way_m
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from slam.arrays import FloatArray
@@ -15,6 +16,8 @@ _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""
 _STANDS = 1e-6
 """[m], [rad]: odometry that tells of less tells of nothing."""
+_TURNS_RAD = 0.05
+"""That a scan may show of a robot that stands. Chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +56,12 @@ class Prediction:
         if not (self.is_coasting or self.is_guess):
             return []
         return [self.T_last] if self.other is None else [self.T_last, self.T_last @ self.other]
+
+    def is_denied_stand(self, match: SurfaceMatch) -> bool:
+        """Whether wheels stand, and a match has the robot turn: walls tell that, and people do not make it up."""
+        stands = self.T_map_base.is_near(self.T_last, _STANDS, _STANDS)
+        turn_rad = math.remainder(match.T_map_base.theta - self.T_last.theta, 2.0 * math.pi)
+        return stands and abs(turn_rad) > _TURNS_RAD
 
     def is_denying(self, match: SurfaceMatch, most: float) -> bool:
         """Whether the wheels, as noisy as they show, deny a match by more than so much of their normalised

@@ -225,6 +225,32 @@ def test_how_far_a_scan_is_slid_is_as_far_as_the_robot_may_have_gone(
     assert ways_m == pytest.approx([1.3])
 
 
+@pytest.mark.parametrize(
+    ("led_m", "turn_rad", "is_open"), [(0.0, -0.2, True), (0.0, 0.02, False), (0.01, -0.2, False)]
+)
+def test_wheels_that_stand_while_scans_turn_say_nothing_of_how_far_the_robot_went(
+    monkeypatch, led_m, turn_rad, is_open
+):
+    # encoders of aces that dropped out as the robot turned slowly, and then drove on down a corridor: 2.8 m off, and good
+    ways_m = list[float]()
+    monkeypatch.setattr(
+        "slam.front_end.is_one_place", lambda *args: ways_m.append(args[3]) or False
+    )
+    last, sure = SE2(2.0, 1.0, math.pi - 0.1), 1e-4 * np.eye(3)
+    led = last @ SE2(led_m, 0.0, 0.0)
+    told = Prediction(last, led, sure, np.linalg.inv(sure), 1.0, is_coasting=False)
+    there = last @ SE2(0.1, 0.0, turn_rad)
+    weak = SurfaceMatch(there, np.diag([1.0, 0.01, 1.0]), np.zeros((3, 3)), 1.0, 1.0, 0.1, 1.0)
+    front_end = FrontEnd(SE2.identity())
+    front_end._velocity.take(SE2(0.9, 0.0, 0.3), 2.0)
+    front_end._elapsed_s = 3.0
+    assert front_end._is_open(weak, np.zeros((0, 3)), told) is is_open
+    # by as far as it went before
+    assert ways_m == pytest.approx(
+        [math.hypot(*(SE2.exp(1.5 * SE2(0.9, 0.0, 0.3).log()).as_array()[:2]))] * is_open
+    )
+
+
 def test_after_scans_that_left_the_way_open_the_robot_may_be_as_far_off_as_it_went_meanwhile(
     monkeypatch,
 ):
