@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -28,9 +29,9 @@ class ConsistencyConfig:
     most_pairs: looked at. most_passed: share of the points in view, over all pairs, that another
     scan's beams went through, by margins [m] and as a share, and aside_m to either side: see
     `Witnesses`; 0.021 and less on 100 right maps, some with a third of their beams lost. bad_pair:
-    a pair in which so many were, and in such as well of a scan beside either, most_bad_pairs: share of such
-    pairs, 0.0053 and less of 39 right maps of buildings and four real logs; from doubtful_pairs on, more loops
-    may help. most_through, most_walls:
+    a pair in which so many were; from a share of doubtful_pairs on, more loops may help; most_bad_pairs:
+    share of those that scans beside either bear out, 0.0053 and less of 39 right maps of buildings and four
+    real logs. most_through, most_walls:
     scans that saw something on the way that the robot drove, and those in which it was
     no closed door; two at most on four real logs, ten and more on wrong maps. beside: so few
     keyframes off, one loop says what another does. most_rejected: share of the loops that the others
@@ -46,7 +47,7 @@ class ConsistencyConfig:
     most_passed: float = 0.04
     bad_pair: float = 0.25
     most_bad_pairs: float = 0.01
-    doubtful_pairs: float = 0.005
+    doubtful_pairs: float = 0.0075
     most_through: int = 14
     most_walls: int = 5
     beside: int = 10
@@ -89,19 +90,21 @@ def judged(
     """The verdict on a map of keyframes at poses (K, 3), with the loops that were kept and not."""
     config = config or ConsistencyConfig()
     near, witnesses = _near(poses, config), _witnesses(keyframes, poses, config)
-    passed_ratio, bad_pairs, pairs = _contradicted(witnesses, near, config)
+    said = _contradicted(witnesses, near, config)
     reasons = [*_torn(keyframes, loops, poses), *_drove_through(keyframes, poses, config)]
     reasons += _misplaced(keyframes, witnesses, near, config)
-    if passed_ratio > config.most_passed:
-        reasons.append(f"{100 * passed_ratio:.0f} % of what scans saw is where others saw nothing")
-    if bad_pairs > config.most_bad_pairs:
+    if said.passed_ratio > config.most_passed:
         reasons.append(
-            f"{100 * bad_pairs:.0f} % of {pairs} pairs of scans of one place contradict each other"
+            f"{100 * said.passed_ratio:.0f} % of what scans saw is where others saw nothing"
+        )
+    if said.borne_out > config.most_bad_pairs:
+        reasons.append(
+            f"{100 * said.borne_out:.0f} % of {said.pairs} pairs of scans of one place contradict each other"
         )
     bad, count = (len(without_ties(found)) for found in (rejected, (*loops, *rejected)))
     if count >= 10 and bad > config.most_rejected * count:
         reasons.append(f"{bad} of {count} loops contradict the others")
-    return MapVerdict(not reasons, passed_ratio, bad_pairs, pairs, tuple(reasons))
+    return MapVerdict(not reasons, said.passed_ratio, said.bad_pairs, said.pairs, tuple(reasons))
 
 
 def leaves_no_doubt(verdict: MapVerdict, config: ConsistencyConfig | None = None) -> bool:
@@ -155,8 +158,8 @@ def do_contradict(
     near = _near(poses, config)
     near = near[(near[:, 0] < first) & (near[:, 1] >= first)]
     witnesses = _witnesses(keyframes, poses, config)
-    passed_ratio, bad_pairs, _ = _contradicted(witnesses, near, config)
-    return passed_ratio > config.most_passed or bad_pairs > config.most_bad_pairs
+    said = _contradicted(witnesses, near, config)
+    return said.passed_ratio > config.most_passed or said.bad_pairs > config.most_bad_pairs
 
 
 def unjoined_sessions(keyframes: Sequence[Keyframe], loops: Sequence[Loop]) -> tuple[int, ...]:
@@ -205,11 +208,11 @@ def _misplaced(
     across = [(one < k) & (other >= k) for k in breaks]
     if not across:
         return []
-    usual, _, _ = _contradicted(witnesses, near[~np.any(across, axis=0)], config)
+    usual = _contradicted(witnesses, near[~np.any(across, axis=0)], config).passed_ratio
     few = replace(config, most_pairs=config.most_across)
     reasons = []
     for k, is_across in zip(breaks, across, strict=True):
-        passed_ratio, _, _ = _contradicted(witnesses, near[is_across], few)
+        passed_ratio = _contradicted(witnesses, near[is_across], few).passed_ratio
         if passed_ratio > 2.0 * usual + config.more_passed:
             reasons.append(
                 f"the scans broke off at {keyframes[k].time_s:.2f} s, and {100 * passed_ratio:.1f} %"
@@ -252,21 +255,34 @@ def _witnesses(
     return Witnesses(keyframes, poses, config.margins, config.aside_m)
 
 
+class _Contradictions(NamedTuple):
+    """Shares of points in view that were passed, of bad pairs, and of those that scans beside bear out; pairs
+    asked."""
+
+    passed_ratio: float
+    bad_pairs: float
+    borne_out: float
+    pairs: int
+
+
 def _contradicted(
     witnesses: Witnesses, pairs: IntArray, config: ConsistencyConfig
-) -> tuple[float, float, int]:
-    """Share of points in view that were passed; share of bad pairs; pairs asked."""
+) -> _Contradictions:
+    """What pairs (P, 2) of keyframes say."""
     found = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     found = found[:: max(1, math.ceil(len(found) / config.most_pairs))]
-    seen_all = passed_all = bad = asked = 0
+    seen_all = passed_all = bad = borne_out = asked = 0
     for one, other in found.tolist():
         seen, through = witnesses.passed(one, other)
         if seen < _FEW:
             continue
         asked += 1
-        bad += _is_bad(seen, through, config) and _is_borne_out(witnesses, one, other, config)
+        if _is_bad(seen, through, config):
+            bad += 1
+            borne_out += _is_borne_out(witnesses, one, other, config)
         seen_all, passed_all = seen_all + seen, passed_all + through
-    return passed_all / max(seen_all, 1), bad / max(asked, 1), asked
+    most = max(asked, 1)
+    return _Contradictions(passed_all / max(seen_all, 1), bad / most, borne_out / most, asked)
 
 
 def _is_bad(seen: int, through: int, config: ConsistencyConfig) -> bool:

@@ -78,8 +78,8 @@ def test_guess_is_taken_where_it_alone_holds_together(
 
 @pytest.mark.parametrize(
     ("against", "is_used"),
-    [({"passed_ratio": 0.02, "bad_pairs": 0.0045}, True), ({"passed_ratio": 0.03}, False),
-     ({"bad_pairs": 0.0055}, False)],
+    [({"passed_ratio": 0.02, "bad_pairs": 0.007}, True), ({"passed_ratio": 0.03}, False),
+     ({"bad_pairs": 0.008}, False)],
 )  # fmt: skip
 def test_guess_is_taken_only_beyond_doubt(log, mapped, against, is_used):
     # a third of the beams of aces lost: 0.5 m off, and no check was failed
