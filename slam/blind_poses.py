@@ -24,7 +24,7 @@ _MOST_M = 0.2
 right, so that one of a hundred is off by more."""
 _VAGUE_M = 0.1
 """Of a step by wheels, up to which a scan that leaves open how far the robot went is placed by them. Chosen: of
-scans a metre apart it is 0.03 m."""
+scans of aces, a metre apart, it is 0.06 m."""
 _JUMPS = 1
 """Steps that nobody measured, up to which the others say from both sides where the robot was."""
 _STANDS, _STANDING = 1e-6, 1e-3
@@ -74,15 +74,14 @@ def _blind(
     steps: Sequence[FrontEndStep], first_step: int, told: Sequence[ToldStep]
 ) -> Iterator[tuple[int, int]]:
     """The steps just before and after each run of those that tell nothing; nor do those that leave open how far
-    the robot went, where wheels that measure it otherwise did not, or only say where all of them led."""
+    the robot went, keyframes or not, where wheels that measure it otherwise hardly did."""
     has_wheels = not all(one.is_guess for one in told[1:])
     start: int | None = None
     for at in range(first_step, len(steps)):
         step, way = steps[at], told[at - first_step]
+        is_blind = step.status is StepStatus.CARRIED and not step.is_keyframe
         is_loose = has_wheels and step.is_open
-        is_blind = step.status is StepStatus.CARRIED or (is_loose and way.is_guess)
-        is_vague = is_loose and place_sigma_m(way.covariance) > _VAGUE_M
-        if not is_vague and (step.is_keyframe or not is_blind):
+        if not is_blind and not (is_loose and place_sigma_m(way.covariance) > _VAGUE_M):
             if start is not None and at > start + 1:
                 yield start, at
             start = at

@@ -296,10 +296,7 @@ class FrontEnd:
         if match.is_told_by_few:
             return False
         config, is_little = self.config, match.least_facing < self.config.least_facing
-        # where odometry jumped, by as much, the place it was looked for from says nothing of others
-        is_guessed = told.is_coasting or (told.is_guess and told.other is None)
-        is_guessed |= told.is_denied_stand(match)  # wheels that do not tell of all tell of nothing
-        if not is_guessed or match.least_facing >= config.ample_facing:
+        if not told.tells_no_way(match) or match.least_facing >= config.ample_facing:
             return is_little
         way_m = self._open_way_m(told, match)
         return not is_one_place(self._window.surfaces, points, match, way_m)
@@ -307,11 +304,10 @@ class FrontEnd:
     def _open_way_m(self, told: Prediction, match: SurfaceMatch | None) -> float:
         """How far the robot went at most since the last scan that told its place."""
         ends = [told.T_map_base] + ([] if match is None else [match.T_map_base])
-        way_m = max(apart_m(told.T_last, end) for end in ends)
-        if match is not None and told.is_denied_stand(match):  # it may have gone on
-            on = self._velocity.motion(self._elapsed_s) or SE2.identity()
-            way_m = max(way_m, math.hypot(on.x, on.y))
-        return self._open_m + way_m
+        on = self._velocity.motion(self._elapsed_s)
+        if on is not None and match is not None and told.is_denied_stand(match):
+            ends.append(told.T_last @ on)
+        return self._open_m + max(apart_m(told.T_last, end) for end in ends)
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
         if len(points) < self.config.min_points:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 from slam.arrays import FloatArray
@@ -57,17 +56,26 @@ class Prediction:
             return []
         return [self.T_last] if self.other is None else [self.T_last, self.T_last @ self.other]
 
+    @property
+    def stands(self) -> bool:
+        """Whether they tell of no way."""
+        return self.T_map_base.is_near(self.T_last, _STANDS, _STANDS)
+
     def is_denied_stand(self, match: SurfaceMatch) -> bool:
         """Whether wheels stand, and a match has the robot turn: walls tell that, and people do not make it up."""
-        stands = self.T_map_base.is_near(self.T_last, _STANDS, _STANDS)
-        turn_rad = math.remainder(match.T_map_base.theta - self.T_last.theta, 2.0 * math.pi)
-        return stands and abs(turn_rad) > _TURNS_RAD
+        turn_rad = (self.T_last.inverse() @ match.T_map_base).theta
+        return self.stands and abs(turn_rad) > _TURNS_RAD
+
+    def tells_no_way(self, match: SurfaceMatch) -> bool:
+        """Whether nothing but a match tells how far the robot went: wheels that do not tell of all tell of nothing.
+        Where odometry jumped, by as much, the place a scan was looked for from says nothing of others."""
+        is_guessed = self.is_coasting or (self.is_guess and self.other is None)
+        return is_guessed or self.is_denied_stand(match)
 
     def is_denying(self, match: SurfaceMatch, most: float) -> bool:
         """Whether the wheels, as noisy as they show, deny a match by more than so much of their normalised
         error squared. Those that stand may tell late of a way, and deny nothing."""
-        stands = self.T_map_base.is_near(self.T_last, _STANDS, _STANDS)
-        return not stands and self.squared(match) > self.noise * most
+        return not self.stands and self.squared(match) > self.noise * most
 
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""
