@@ -80,7 +80,8 @@ def test_way_driven_blind_has_to_be_told_by_the_wheels(is_unsure):
     verdict = mapped(drive).verdict
     assert verdict.is_good is not is_unsure
     if is_unsure:
-        assert verdict.reasons[0].startswith("from 19.80 to 25.00 s no scan tells where")
+        # the first scan of the corridor that sees again leaves open how far the robot went
+        assert verdict.reasons[0].startswith("from 19.80 to 25.20 s no scan tells where")
 
 
 @pytest.mark.slow
