@@ -75,14 +75,16 @@ class Candidates:
         found = [
             self._surfaces.match(points, T_predicted, T_predicted, told.odometry, config.trust)
         ]
-        starts = [T_last]
+        starts, reach_m = [T_last], config.reach_m
+        if told.sigma_m > config.lost_m:  # wheels that stood for seconds while the robot drove on
+            reach_m = min(2.0 * told.sigma_m, config.lost_reach_m)
         for middle in middles:
-            starts += self._surfaces.searched(points, middle, config.reach_m, config.reach_rad)
+            starts += self._surfaces.searched(points, middle, reach_m, config.reach_rad)
         # wheels that are that far off tell little of where along a wall the robot is
         loose = LITTLE * told.odometry
         for start in starts:
             match = self._surfaces.match(points, start, T_predicted, loose)
-            reach = _WIDER * config.reach_m, _WIDER * config.reach_rad
+            reach = _WIDER * reach_m, _WIDER * config.reach_rad
             if any(match.T_map_base.is_near(middle, *reach) for middle in middles):
                 found.append(match)
         return min(found, key=lambda match: match.cost)

@@ -46,6 +46,9 @@ class FrontEndConfig:
     which a scan becomes one. step_sigma: (m, m, rad) of each step beside what the odometry says of
     itself. good_inlier_ratio: below it, the scan is looked for where the wheels count less, by
     trust of their normalised innovation squared, and all around, within about reach_m and reach_rad;
+    lost_m, lost_reach_m: where wheels leave open more than the first, standard deviation, within twice that and the
+    second at most, and a scan must fit as well as where nothing tells how far the robot went: wheels of aces that
+    stood for 10 s led scans to where 0.82 and 0.85 of them fitted, 2.2 and 1.3 m short of where they lay;
     surely_wrong: of the same, over scans that told nothing, beyond which they had jumped: in ten seconds
     of turns mit-csail's were off by 20, little by little;
     guess_inlier_ratio: in its place where nothing tells how far the robot went: a metre along a wall
@@ -88,6 +91,8 @@ class FrontEndConfig:
     surely_wrong: float = 60.0
     reach_m: float = 0.8
     reach_rad: float = math.radians(50.0)
+    lost_m: float = 1.5
+    lost_reach_m: float = 6.0
     least_inlier_ratio: float = 0.65
     least_seen_ratio: float = 0.3
     against: tuple[float, float] = (0.75, 40.0)

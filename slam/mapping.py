@@ -16,6 +16,7 @@ from slam.hanging_pieces import hanging_pieces
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.lone_loops import LEAST_NOISE, in_words, lone_loops
 from slam.loop_closing import Loop, LoopCloser
 from slam.loose_runs import smoothed
 from slam.looseness import Looseness
@@ -34,6 +35,7 @@ from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step
 from slam.there_and_back import put_strays_back
+from slam.ways_over_breaks import sure_ways
 from slam.weak_steps import WeakSteps
 from slam.wheels_borne_out import believe_where_borne_out, shown_noise, told_to_keyframes
 
@@ -72,7 +74,7 @@ class Mapper:
         self.T_map_base = SE2.identity()
         self._known_objections: list[str] = []
         self._told, self._weak_steps = list[ToldStep](), WeakSteps()
-        self._breaks = BreaksBorneOut(self.config.front_end.break_sigma)
+        self._breaks = BreaksBorneOut(self.config.front_end.break_sigma, self.config.step_sigma)
         self._jumps = OdometryJumps()
         self._monitor = DriveMonitor(self.config.front_end.blind_m[0])
 
@@ -175,7 +177,22 @@ class Mapper:
             )  # fmt: skip
             said = said or too_far_adrift(slam_map.drift_m, slam_map.poses)
             said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)
+            said = said or self._breaks_in_doubt(slam_map)
         return slam_map.objected([*self._known_objections, *said])
+
+    def _breaks_in_doubt(self, slam_map: SlamMap) -> list[str]:
+        """In words, that nobody knows whether the wheels or the one loop over a break are right."""
+        config, keyframes = self.config, slam_map.keyframes
+        if config.is_odometry_doubted:
+            return []
+        told, break_sigma = self._front_end.told_steps, config.front_end.break_sigma
+        sure = sure_ways(keyframes, slam_map.poses, told, break_sigma, LEAST_NOISE)
+        if not sure or not slam_map.loops:
+            return []
+        graph = graph_of(keyframes, slam_map.loops, slam_map.poses, config.step_sigma)
+        return in_words(
+            lone_loops(keyframes, slam_map.loops, graph.solve(), sure, config.step_sigma), keyframes
+        )
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""
@@ -268,13 +285,16 @@ class Mapper:
     def _adjusted(self, closer: LoopCloser, every: int) -> tuple[list[Loop], list[Loop]]:
         """Loops kept and rejected once all are found that there are, and all poses adjusted."""
         self._graph.solve()
-        known = {(loop.earlier, loop.later) for loop in self._graph.loops}
+        loops = (*self._graph.loops, *self._breaks.let_go)
+        known = {(loop.earlier, loop.later) for loop in loops}
         # those of the sessions before were asked when these ended
         asked = [k for k in range(len(self._graph.keyframes)) if k % every == 0]
         asked = [k for k in asked if k >= self._session.first]
         found = [loop for k in asked for loop in self._found(closer, k)]
         self._graph.take([one for one in found if (one.earlier, one.later) not in known])
-        return self._graph.sorted_loops()
+        if self.config.is_odometry_doubted:
+            return self._graph.sorted_loops()
+        return self._breaks.sorted_loops(self._graph, self._front_end.told_steps)
 
     def _add_keyframe(self, keyframe: Keyframe, is_open: bool) -> None:
         """Notes where the keyframe is seen from the last one, and the loops that it closes."""

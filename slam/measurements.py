@@ -125,6 +125,8 @@ class Measurement:
     motion_covariance: (3, 3) of the tangent (x [m], y [m], theta [rad]) in the robot's frame at the
     END of the motion: true motion = motion @ SE2.exp(noise). If not given, what `OdometryNoise` says
     by default of two wheels 0.3 m apart that went this way; while they stand, 0.1 mm and 0.1 mrad.
+    longest_step_m: of the motions that it is the sum of, the longest [m]; inf: nobody knows. Odometry that jumps
+    does so within one.
     Raises ValueError if time or motion are not finite, or if the covariance is none: finite (3, 3),
     symmetric, without negative eigenvalue.
     """
@@ -134,6 +136,7 @@ class Measurement:
     scan: LaserScan
     # None may be given, and is replaced at once: who reads it finds an array
     motion_covariance: FloatArray = None  # type: ignore[assignment]
+    longest_step_m: float = math.inf
 
     def __post_init__(self) -> None:
         covariance = self.motion_covariance

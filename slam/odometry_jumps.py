@@ -117,6 +117,9 @@ class OdometryJumps:
         is_late = is_blind and self._makes_up(step, silent_s)
         step = replace(step, elapsed_s=silent_s) if is_late else step
         is_fast, is_back = self._as_never_before(step)
+        # many short ways since the last scan, and none of them a jump
+        is_fast &= measurement.longest_step_m > _FAR_M
+        is_back &= measurement.longest_step_m > _FAR_BACK_M
         # who backs up goes on backwards
         has_jumped = is_fast or is_late or (self._was_back and step.back_m < 0.0)
         self._was_back = is_back and not is_fast

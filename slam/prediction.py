@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from slam.arrays import FloatArray
 from slam.front_end_config import GUESS_M
 from slam.kernels.normal_equations import inverse_of
+from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 from slam.strays import apart_m
 from slam.surface_map import SurfaceMatch
@@ -43,6 +44,11 @@ class Prediction:
         """Whether next to nothing is known of the way since the last scan."""
         P = self.covariance
         return bool(max(P[0, 0], P[1, 1]) > GUESS_M**2 or P[2, 2] > _GUESS_RAD**2)
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of the place, in the direction in which it is known least."""
+        return place_sigma_m(self.covariance)
 
     @property
     def way_m(self) -> float:

@@ -7,7 +7,7 @@ better than where it was taken. The next scan shows it, but the front end does n
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import reduce
 
@@ -35,6 +35,7 @@ class StrayConfig:
     have strayed together, tried in this order. half: keyframes to either side whose surfaces are
     looked at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a
     scan that fits as well, and alone agrees better with the wheels if there are any, lies on the way.
+    torn: of the wheels' normalised error squared on from it, from which it does not lie there alone.
     least_facing: of what it sees there, as in `FrontEndConfig`: where a scan leaves its place open,
     wheels know better. better: cost by which it must fit better where wheels lead back to it, which did
     not lead there, but if it slides there by itself. margins, aside_m: see `Witnesses`. Chosen, all of these.
@@ -46,6 +47,7 @@ class StrayConfig:
     reach_m: float = 0.4
     reach_rad: float = 0.3
     nearer: float = 0.5
+    torn: float = 40.0
     least_facing: float = 0.003
     better: float = 0.03
     margins: tuple[float, float] = (0.25, 0.03)
@@ -107,12 +109,30 @@ def without_strays(
     loops, without those to a keyframe that was not where it was thought to be; the poses; and which
     keyframes were put back.
     """
-    config, moved_poses = config or StrayConfig(), poses.copy()
-    search = _Search(keyframes, told, config, SurfaceMap(surfaces))
-    found, strays = list(keyframes), set[int]()
+    config = config or StrayConfig()
+    search, stays = _Search(keyframes, told, config, SurfaceMap(surfaces)), set[int]()
+    while True:
+        found, moved_poses, strays = _put_back(keyframes, poses, search, stays, config)
+        alone = {k for k in strays if k + 1 not in strays and search.is_torn(poses, moved_poses, k)}
+        if not alone:
+            break
+        stays |= alone  # what followed did not come back to the way as well
+    kept = [loop for loop in loops if loop.earlier not in strays and loop.later not in strays]
+    return found, kept, moved_poses, sorted(strays)
+
+
+def _put_back(
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    search: _Search,
+    stays: Set[int],
+    config: StrayConfig,
+) -> tuple[list[Keyframe], FloatArray, set[int]]:
+    """Keyframes at poses (K, 3) put back on the way, those poses, and which they are; not those that stay."""
+    found, moved_poses, strays = list(keyframes), poses.copy(), set[int]()
     for run in config.runs:
-        for k in range(len(keyframes) - len(told) + 1, len(keyframes) - run):
-            match = search.on_the_way(moved_poses, k, run)
+        for k in range(search.first + 1, len(keyframes) - run):
+            match = None if k in stays else search.on_the_way(moved_poses, k, run)
             if match is not None:
                 moved_poses[k] = match.T_map_base.as_array()
                 strays.add(k)
@@ -121,8 +141,7 @@ def without_strays(
                     # over a break nobody knows the way better than before
                     known = found[at].covariance if found[at].is_break else match.covariance
                     found[at] = replace(found[at], T_before=start.inverse() @ end, covariance=known)
-    kept = [loop for loop in loops if loop.earlier not in strays and loop.later not in strays]
-    return found, kept, moved_poses, sorted(strays)
+    return found, moved_poses, strays
 
 
 def may_have_strayed(
@@ -157,7 +176,18 @@ class _Search:
         surfaces: SurfaceMap,
     ) -> None:
         self._keyframes, self._config, self._surfaces = keyframes, config, surfaces
-        self._told, self._first = told, len(keyframes) - len(told)
+        self._told, self.first = told, len(keyframes) - len(told)
+
+    def is_torn(self, poses: FloatArray, moved_poses: FloatArray, k: int) -> bool:
+        """Whether wheels that led on from a keyframe at poses (K, 3) to the next one do so no more at others."""
+        on = self._told[k + 1 - self.first]
+        if on.is_guess or self._keyframes[k + 1].is_break:
+            return False
+        before, now = (
+            on.squared(*(SE2.from_array(pose) for pose in of[k : k + 2]))
+            for of in (poses, moved_poses)
+        )
+        return now > self._config.torn > before
 
     def on_the_way(self, poses: FloatArray, k: int, run: int) -> SurfaceMatch | None:
         """Where a keyframe, the first of a run that may have strayed, fits on the way; None where it
@@ -167,13 +197,13 @@ class _Search:
         if any(one.is_break for one in keyframes[k:after]) or keyframes[k].is_place_alone:
             return None
         T_now = SE2.from_array(poses[k])
-        T_way = _way(keyframes, poses, k, (before, after), self._told[k - self._first])
+        T_way = _way(keyframes, poses, k, (before, after), self._told[k - self.first])
         best, stays = self._matched(poses, (before, k, after), T_way)
         if best is not None and (
             run > 1 or self._squared(poses, k, best.T_map_base) < self._squared(poses, k, T_now)
         ):
             return best
-        on = self._told[after - self._first]
+        on = self._told[after - self.first]
         if run > 1 or on.is_guess or keyframes[after].is_break:
             return None
         # odometry that jumped on the way to it led it aside, and on from it tells the way back
@@ -212,7 +242,7 @@ class _Search:
     def _squared(self, poses: FloatArray, k: int, T_map_base: SE2) -> float:
         """Normalised error squared of the wheels, to a keyframe at a pose and on from it."""
         T_before, T_after = SE2.from_array(poses[k - 1]), SE2.from_array(poses[k + 1])
-        to, on = self._told[k - self._first], self._told[k + 1 - self._first]
+        to, on = self._told[k - self.first], self._told[k + 1 - self.first]
         return to.squared(T_before, T_map_base) + on.squared(T_map_base, T_after)
 
     def _learn(self, poses: FloatArray, before: int, after: int) -> None:

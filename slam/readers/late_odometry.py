@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import takewhile
 
 from slam.readers.log_record import LogRecord
 from slam.readers.pace import FASTEST, Pace, UsualSpeed
@@ -17,6 +18,9 @@ _BRIEF = 0.5
 """Usual intervals: a scan's record that comes as soon says again where the odometry's own was."""
 _WAITS_S, _WAITING = 10.0, 2048
 """Before so long, or so many records, it is believed to have stood. Chosen."""
+_STANDS_S, _LONG_S = 1.0, 2.0
+"""For which drivers tell the same several times, and for which no robot stands whose log has one scan of it: those
+that record none while they stand have none, and others have some. Chosen."""
 _HERE = 0.02, 0.01
 """[m], [rad] of odometry between two scans of one place: these look alike."""
 _TOO_FAST, _TOO_FAST_RADPS = 2.0, 2.0
@@ -74,19 +78,20 @@ class LateOdometry:
         return record
 
     def _let_go(self) -> list[LogRecord]:
-        """Those that waited, as they are."""
-        return [self._first_let_go() for _ in range(len(self._waiting))]
+        """Those that waited, as they are, or that the robot did not stand as they tell."""
+        return self._first_let_go(len(self._waiting), self._is_denied())
 
     def _let_go_old(self) -> list[LogRecord]:
         """Those of them that have waited long enough."""
-        let_go, last = list[LogRecord](), self._waiting[-1]
-        while len(self._waiting) > _WAITING or last.time_s - self._waiting[0].time_s > _WAITS_S:
-            let_go.append(self._first_let_go())
-        return let_go
+        since_s, old = self._waiting[-1].time_s - _WAITS_S, len(self._waiting) - _WAITING
+        old = max(old, sum(1 for _ in takewhile(lambda one: one.time_s < since_s, self._waiting)))
+        return self._first_let_go(old, self._is_denied()) if old > 0 else []
 
-    def _first_let_go(self) -> LogRecord:
-        self._last = self._waiting.popleft()
-        return self._last
+    def _first_let_go(self, count: int, is_denied: bool) -> list[LogRecord]:
+        let_go = [self._waiting.popleft() for _ in range(count)]
+        if let_go:
+            self._last = let_go[-1]
+        return [replace(one, is_denied=True) for one in let_go] if is_denied else let_go
 
     def _standing(self, record: LogRecord) -> list[LogRecord]:
         """A record that says the same as the last one."""
@@ -117,6 +122,8 @@ class LateOdometry:
         if told and self._is_late(record, way_m, turn_rad):
             elapsed_s = record.time_s - self._before.time_s
             *told, record = self._told_in_time(record, motion)
+        elif told and self._is_denied(record.time_s - self._before.time_s):
+            told = [replace(one, is_denied=True) for one in told]
         self._waiting.clear()
         if way_m <= FASTEST[0] * elapsed_s and turn_rad <= FASTEST[1] * elapsed_s:
             self._along.take(way_m / elapsed_s)
@@ -125,6 +132,19 @@ class LateOdometry:
             self._usual.take(self._pace_mps)
         self._has_stood = False
         return [*told, self._gone_on(record)]
+
+    def _is_denied(self, stood_s: float = 0.0) -> bool:
+        """Whether the first and the last scan of those that wait deny that the robot stands, or one alone says that
+        it stood for so long."""
+        scans = [one for one in self._waiting if one.scan is not None]
+        if self._has_stood or not scans:
+            return False
+        first, last = scans[0], scans[-1]
+        if first is last:
+            return stood_s > _LONG_S
+        assert first.scan is not None
+        assert last.scan is not None
+        return last.time_s - first.time_s >= _STANDS_S and last.scan.likeness(first.scan) < LIKE
 
     @property
     def _before(self) -> LogRecord:

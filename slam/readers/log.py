@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -107,6 +108,7 @@ class MotionSinceScan:
         self._T_odom_last: SE2 | None = None
         self._T_fix: SE2 | None = None
         self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
+        self._longest_m = 0.0
 
     @property
     def motion(self) -> SE2:
@@ -123,7 +125,7 @@ class MotionSinceScan:
         """The measurement that a record with a scan makes; None where it has none."""
         if self._T_odom_last is not None:
             told = self._T_odom_last.inverse() @ record.T_odom_base
-            step, unsure = self._faults.believed(record.time_s, told)
+            step, unsure = self._faults.believed(record.time_s, told, record.is_denied)
             if step is not told:
                 self._T_fix = self.T_odom_base @ step @ record.T_odom_base.inverse()
             noise = self._noise(step) if unsure is None else self._noise(step) + unsure
@@ -132,11 +134,14 @@ class MotionSinceScan:
                 noise = noise + np.diag(np.square([late_m, late_m, late_rad]))
             self._covariance = compose_covariance(self._covariance, step, noise)
             self._motion = self._motion @ step
+            self._longest_m = max(self._longest_m, math.hypot(step.x, step.y))
         self._T_odom_last = record.T_odom_base
         if record.scan is None:
             return None
         unsure, covariance = self._faults.since_scan(record.scan), self._covariance
         covariance = covariance if unsure is None else covariance + unsure
-        measurement = Measurement(record.time_s, self._motion, record.scan, covariance)
-        self._motion, self._covariance = SE2.identity(), np.zeros((3, 3))
+        measurement = Measurement(
+            record.time_s, self._motion, record.scan, covariance, self._longest_m
+        )
+        self._motion, self._covariance, self._longest_m = SE2.identity(), np.zeros((3, 3)), 0.0
         return measurement

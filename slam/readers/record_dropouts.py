@@ -1,4 +1,5 @@
-"""Odometry that stands still from one record to the next, at full pace: encoders that drop out do that."""
+"""Odometry that stands still from one record to the next, at full pace, or where scans deny it: encoders that drop
+out do that."""
 
 from __future__ import annotations
 
@@ -23,6 +24,8 @@ _STANDS_S = 1.0, 30.0
 LIKE = 0.8
 """Share of a scan's beams that measure the same where the robot stands: cheap lasers lose some. Of
 scans taken 0.3 m apart and more, in four real logs, one of a hundred is as alike. Chosen, all of them."""
+_ON_RADPS = 0.3
+"""That a robot turns at who denies that it stands. Chosen."""
 
 
 class RecordDropouts:
@@ -32,18 +35,22 @@ class RecordDropouts:
         self._clock, self._usual = RecordClock(), UsualSpeed()
         self._pace_mps = self._pace_radps = 0.0
         self._untold_m2 = self._untold_rad2 = 0.0
-        self._is_abrupt = False
+        self._is_abrupt = self._is_denied = False
         self._still_s, self._told_s = 0.0, 0.0
         self._before: LaserScan | None = None
+        self._standing: LaserScan | None = None
 
-    def take(self, time_s: float, motion: SE2) -> None:
-        """Notes a record, by its motion since the one before."""
+    def take(self, time_s: float, motion: SE2, is_denied: bool = False) -> None:
+        """Notes a record, by its motion since the one before. is_denied: scans to come deny that the robot
+        stands."""
         self._clock.take(time_s)
         if not self._clock.since_s > 0.0:  # the first record, and stamps that stand or go back
             return
         way_m, turn_rad = math.hypot(motion.x, motion.y), abs(motion.theta)
         if max(way_m, turn_rad) < NOTHING:
             self._still_s += self._clock.since_s
+            if is_denied:
+                self._deny()
             return
         if self._is_unsure:
             self._tell_stand()
@@ -53,15 +60,18 @@ class RecordDropouts:
         elapsed_s = self._clock.elapsed_s + self._still_s
         self._pace_mps, self._pace_radps = way_m / elapsed_s, turn_rad / elapsed_s
         self._usual.take(self._pace_mps)
-        self._is_abrupt = self._is_full_pace(elapsed_s)
+        self._is_abrupt, self._is_denied = self._is_full_pace(elapsed_s), False
         self._still_s = self._told_s = 0.0
+        self._standing = None
 
     def covariance(self, scan: LaserScan) -> FloatArray | None:
         """(3, 3) to be added to that of the motion since the scan before, in the robot's frame at its end: as
         far as it would have gone on; None where odometry is believed, or a scan sees that the robot stands."""
+        self._look(scan)
         if self._is_unsure:
             if self._before is not None and scan.likeness(self._before) >= LIKE:
-                self._is_abrupt, self._untold_m2, self._untold_rad2 = False, 0.0, 0.0
+                self._is_abrupt = self._is_denied = False
+                self._untold_m2 = self._untold_rad2 = 0.0
             else:
                 self._tell_stand()
         if self._is_unsure or self._still_s == 0.0:
@@ -70,6 +80,21 @@ class RecordDropouts:
         self._untold_m2 = self._untold_rad2 = 0.0
         is_told = untold_m2 == untold_rad2 == 0.0
         return None if is_told else np.diag([untold_m2, untold_m2, untold_rad2])
+
+    def _look(self, scan: LaserScan) -> None:
+        """Whether a scan denies that the robot stands where one before was taken that odometry tells of no way
+        since."""
+        if self._still_s == 0.0:
+            return
+        if self._standing is None:
+            self._standing = scan
+        elif self._still_s >= _STANDS_S[0] and scan.likeness(self._standing) < LIKE:
+            self._deny()
+
+    def _deny(self) -> None:
+        self._is_denied = True
+        self._pace_mps = max(self._pace_mps, self._usual.mps or 0.0)
+        self._pace_radps = max(self._pace_radps, _ON_RADPS)
 
     def _tell_stand(self) -> None:
         """Adds how far the robot may have gone on that stands, but for what scans were told already."""
@@ -80,7 +105,8 @@ class RecordDropouts:
 
     @property
     def _is_unsure(self) -> bool:
-        return self._is_abrupt and _STANDS_S[0] <= self._still_s <= _STANDS_S[1]
+        is_lost = self._is_abrupt and _STANDS_S[0] <= self._still_s <= _STANDS_S[1]
+        return is_lost or self._is_denied
 
     def _is_full_pace(self, elapsed_s: float) -> bool:
         """Whether no robot stops from one such record to the next."""

@@ -314,6 +314,25 @@ def test_after_odometry_jumped_a_scan_is_looked_for_where_the_robot_was_as_well(
     assert front_end.T_map_base.is_near(SE2(3.0, 0.0, 0.0), 0.1, 0.02)
 
 
+@pytest.mark.parametrize("told_m", [0.0, 0.4])
+def test_scan_is_looked_for_as_far_as_wheels_that_stood_for_long_leave_open(told_m):
+    """Wheels of aces stuck for 10 s: a scan fitted 1.3 m short of where it lay, out of reach."""
+    boxes = [box(2.5, 0.7, 3.4, 1.0), box(5.8, -1.0, 6.9, -0.7), box(8.4, 0.6, 9.0, 1.0)]
+    walls = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), *boxes])
+    front_end, rng, pose = FrontEnd(SE2.identity()), np.random.default_rng(3), SE2.identity()
+    angles = np.radians(np.arange(-180.0, 180.0, 0.5))
+    for index in range(21):
+        is_stuck = index == 20
+        way_m = (3.0 if is_stuck else 0.1) if index else 0.0
+        pose = pose @ SE2(way_m, 0.0, 0.0)
+        motion = SE2(told_m if is_stuck else way_m, 0.0, 0.0)
+        covariance = np.diag([3.0 if is_stuck else 0.01, 0.01, 0.01]) ** 2
+        scan = scan_of(walls, pose, rng, 0.01, angles, range_max_m=8.0)
+        time_s = 0.5 * index + 8.0 * is_stuck
+        front_end.update(Measurement(time_s, motion, scan, covariance))
+    assert front_end.T_map_base.is_near(pose, 0.05, 0.02)
+
+
 @pytest.mark.parametrize("sigma_m", [0.05, 1.5])
 def test_motion_that_was_not_believed_is_where_a_scan_is_looked_for_too(sigma_m):
     P, T_last, other = np.eye(3) * sigma_m**2, SE2(1.0, 2.0, 0.5), SE2(-1.5, 0.0, 0.1)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -128,7 +129,27 @@ def test_log_of_scans_alone_is_told_as_it_is():
 )  # fmt: skip
 def test_records_that_need_not_be_late_are_told_as_they_are(told, ranges_m):
     records = records_of(told, ranges_m)
-    assert all(a is b for a, b in zip(in_time(records), records, strict=True))
+    assert [replace(one, is_denied=False) for one in in_time(records)] == records
+
+
+@pytest.mark.parametrize(
+    ("still", "ranges_m", "is_denied"),
+    [
+        (10, float, True),
+        (70, float, True),  # more than wait
+        (5, float, False),  # less than a second: drivers tell the same several times
+        (40, lambda k: min(k, 31), False),
+        # who was seen once: a robot stands no two seconds
+        (12, lambda k: k if k < 30 or k == 36 else None, True),
+        (8, lambda k: k if k < 30 or k == 36 else None, False),
+        # nor was seen at all: logs that tell scans while the robot drives
+        (40, lambda k: k if k < 30 else None, False),
+    ],
+)
+def test_stand_that_scans_deny_is_told_as_such(still, ranges_m, is_denied):
+    given = in_time(records_of([*DRIVE, *[STILL] * still, *DRIVE], ranges_m))
+    told = [one.is_denied for one in given]
+    assert told == [False] * 31 + [is_denied] * still + [False] * 30
 
 
 def test_robot_that_stood_and_went_on_unseen_by_its_odometry_left_where_it_stood_last():

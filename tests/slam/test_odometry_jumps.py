@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,19 @@ def test_way_much_faster_than_before_or_back_is_as_unsure_as_it_is_far_from_the_
     sigma_m = sigmas_m([STEP] * 20 + [jump] + [STEP] * 5)
     assert sigma_m[20] == pytest.approx(np.hypot(jump.x - STEP.x, jump.y), rel=0.01)
     assert sigma_m[:20] + sigma_m[21:] == pytest.approx([0.01] * 25)
+
+
+@pytest.mark.parametrize(
+    ("longest_m", "is_doubted"), [(0.25, False), (1.0, True), (math.inf, True)]
+)
+@pytest.mark.parametrize("long", [SE2(2.2, 0.0, 0.0), SE2(-0.8, 0.1, 0.0)])
+def test_way_that_many_records_told_of_is_none_that_odometry_jumped(long, longest_m, is_doubted):
+    """Every second scan of aces lost: 4.4 m in 10 s, told in 60 records, were believed to be 0.4 m."""
+    jumps, told = OdometryJumps(), np.diag([0.01**2] * 3)
+    for k in range(20):
+        jumps.judged(Measurement(0.5 * k, STEP, SCAN, told))
+    judged = jumps.judged(Measurement(10.0, long, SCAN, told, longest_m))
+    assert (judged.other is not None) is is_doubted
 
 
 def test_where_odometry_tells_of_far_more_the_robot_goes_on_as_it_did_and_turns_as_told():

@@ -1,4 +1,4 @@
-"""Odometry that stands still at full pace: how far the robot went on nobody knows."""
+"""Odometry that stands still at full pace, or where scans deny it: how far the robot went on nobody knows."""
 
 from collections.abc import Callable
 
@@ -14,14 +14,15 @@ INTERVAL_S = 0.2
 
 
 def sigmas(
-    told: list[SE2], interval_s: float = INTERVAL_S, ranges_m: Callable[[int], float] = float
+    told: list[SE2], interval_s: float = INTERVAL_S, ranges_m: Callable[[int], float | None] = float
 ) -> list[tuple[float, float]]:
     """How unsure motions are, told at even times with a scan each [m], [rad]; of each added up with those
-    before. ranges_m: of the scan after so many, if not that each looks otherwise."""
+    before. ranges_m: of the scan after so many, if not that each looks otherwise; None without."""
     dropouts, total, found = RecordDropouts(), np.zeros((3, 3)), []
     for k, motion in enumerate(told):
         dropouts.take(interval_s * k, motion)
-        more = dropouts.covariance(scan(interval_s * k, ranges_m(k)))
+        range_m = ranges_m(k)
+        more = None if range_m is None else dropouts.covariance(scan(interval_s * k, range_m))
         total = total if more is None else total + more
         found.append((float(np.sqrt(total[0, 0])), float(np.sqrt(total[2, 2]))))
     return found
@@ -31,11 +32,17 @@ def scan(time_s: float, ranges_m: float) -> LaserScan:
     return LaserScan(time_s, np.linspace(-1.0, 1.0, 20), np.full(20, 1.0 + ranges_m))
 
 
-def test_robot_whose_odometry_stops_at_full_pace_may_have_gone_on():
-    found = sigmas([STEP] * 30 + [STILL] * 10)
-    assert found[33] == (0.0, 0.0)  # less than a second: drivers tell the same several times
-    assert found[35] == pytest.approx((6 * STEP.x, 6 * STEP.theta))
-    assert found[39] == pytest.approx((10 * STEP.x, 10 * STEP.theta))
+def once(at: int) -> Callable[[int], float | None]:
+    """Scans while the robot drives, and one while odometry stands: it has none to be like."""
+    return lambda k: k if k < 30 or k == at else None
+
+
+@pytest.mark.parametrize("at", [33, 35, 39])
+def test_robot_whose_odometry_stops_at_full_pace_may_have_gone_on(at):
+    found = sigmas([STEP] * 30 + [STILL] * 10, ranges_m=once(at))
+    # less than a second: drivers tell the same several times
+    steps = 0 if at == 33 else at - 29
+    assert found[at] == pytest.approx((steps * STEP.x, steps * STEP.theta))
 
 
 def test_where_it_starts_again_it_may_tell_of_a_part_or_of_all():
@@ -62,13 +69,24 @@ def test_odometry_that_is_told_several_times_never_drops_out(count):
     ],
 )
 def test_robot_that_brakes_stands(stop):
-    assert sigmas([STEP] * 30 + stop + [STILL] * 10)[-1] == (0.0, 0.0)
+    told = [STEP] * 30 + stop + [STILL] * 10
+    assert sigmas(told, ranges_m=once(len(told) - 1))[-1] == (0.0, 0.0)
+    # unless scans deny it: as far on as robots usually go
+    found = sigmas(told)
+    assert found[len(told) - 7] == (0.0, 0.0)
+    assert found[-1][0] == pytest.approx(10 * STEP.x)
+    assert found[-1][1] >= 10 * STEP.theta
 
 
 def test_slow_records_and_whoever_stands_for_long_tell_nothing_of_it():
     # half a metre a second may be braked away in a second
-    assert sigmas([SE2(0.4, 0.0, 0.0)] * 30 + [STILL] * 10, interval_s=1.0)[-1] == (0.0, 0.0)
-    assert sigmas([STEP] * 10 + [STILL] * 10)[-1] == (0.0, 0.0)  # who knows how it drives
+    slow = [SE2(0.4, 0.0, 0.0)] * 30 + [STILL] * 10
+    assert sigmas(slow, interval_s=1.0, ranges_m=once(39))[-1] == (0.0, 0.0)
+    # who knows how it drives
+    assert sigmas([STEP] * 10 + [STILL] * 10, ranges_m=lambda k: k if k == 19 else None)[-1] == (
+        0.0,
+        0.0,
+    )
     # nobody drives on for as long
     dropouts = RecordDropouts()
     for k in range(30 + 200):
@@ -82,6 +100,20 @@ def test_stamps_that_stand_are_no_dropout():
         dropouts.take(INTERVAL_S * k, STEP)
         dropouts.take(INTERVAL_S * k, STILL)  # its scan's record
         assert dropouts.covariance(scan(INTERVAL_S * k, k)) is None
+
+
+def test_stand_that_scans_to_come_deny_is_none_from_its_first_record_on():
+    def sigma_m(is_denied: bool) -> float:
+        dropouts = RecordDropouts()
+        for k in range(30):
+            dropouts.take(INTERVAL_S * k, SE2(0.02, 0.0, 0.0))
+        dropouts.covariance(scan(INTERVAL_S * 29, 29.0))
+        dropouts.take(INTERVAL_S * 30, STILL, is_denied)
+        more = dropouts.covariance(scan(INTERVAL_S * 30, 30.0))
+        return 0.0 if more is None else float(np.sqrt(more[0, 0]))
+
+    assert sigma_m(is_denied=False) == 0.0
+    assert sigma_m(is_denied=True) == pytest.approx(0.02)
 
 
 def test_scan_that_looks_as_before_the_stop_sees_that_the_robot_stands():

@@ -105,6 +105,18 @@ def test_wheels_that_agree_with_a_keyframe_keep_it_where_it_is(slam_map):
     assert without_strays(slam_map.keyframes, [], poses, told)[3] == []
 
 
+@pytest.mark.parametrize("first", [30, 36])
+def test_keyframe_does_not_come_back_to_the_way_alone_where_wheels_led_on_from_it(slam_map, first):
+    """aces, wheels stuck: all from there on were 1.3 m short, and one of them was put back."""
+    told = told_by(slam_map.keyframes, SURE)
+    told[first] = replace(told[first], covariance=30.0 * GUESS)
+    poses = slam_map.poses.copy()
+    T_first = SE2.from_array(poses[first])
+    T_off = T_first @ SE2(1.3, 0.0, 0.0) @ T_first.inverse()
+    poses[first:] = [(T_off @ SE2.from_array(pose)).as_array() for pose in poses[first:]]
+    assert without_strays(slam_map.keyframes, [], poses, told)[3] == []
+
+
 def test_keyframe_that_odometry_led_aside_by_a_jump_is_put_back_where_the_next_step_begins(
     slam_map,
 ):
