@@ -60,6 +60,24 @@ def test_piece_hangs_by_loops_that_are_far_from_where_it_begins(ends, hangs):
         assert "until 20.00 s no scan told" in said[0]
 
 
+@pytest.mark.parametrize(("looser", "hangs"), [(3.0, False), (8.0, True)])
+def test_piece_that_no_wheels_led_to_hangs_where_much_more_is_open(looser, hangs):
+    """Odometry stuck for 10 s, and a scan that fitted nothing: aces 0.8 m off before it, and good."""
+    slam_map = driven(FAR, 9.0 * BLIND)
+    keyframes = [
+        one if one.is_break else replace(one, covariance=looser * one.covariance)
+        for one in slam_map.keyframes
+    ]
+    steps = [step for step in slam_map.steps if step.status is not StepStatus.CARRIED]
+    told = replace(slam_map, keyframes=tuple(keyframes), steps=tuple(steps))
+    said = hanging_pieces(told, BREAK_SIGMA)
+    assert bool(said) is hangs
+    if hangs:
+        assert "until 20.00 s nothing told how far" in said[0]
+    # one that was come to blind hangs by less
+    assert hanging_pieces(replace(told, steps=slam_map.steps), BREAK_SIGMA)
+
+
 @pytest.mark.parametrize("kind", ["seen", "another session", "no break"])
 def test_only_what_was_come_to_blind_hangs(kind):
     slam_map = driven(FAR)
