@@ -24,6 +24,8 @@ from slam.surface_map import SurfaceMap, SurfaceMatch
 _WIDER = 1.5
 """Of a search's reach: matches may slide off from where it looked; farther, they are of something
 else. Chosen."""
+_MOST, _MOST_FAR = 3, 9
+"""Starts of each search, and of one that goes metres along a corridor. Chosen."""
 _LOOKED_THROUGH = 3
 """Of so many points, one is asked whether beams went through. Chosen: all would take a tenth of the
 front end's time."""
@@ -75,11 +77,12 @@ class Candidates:
         found = [
             self._surfaces.match(points, T_predicted, T_predicted, told.odometry, config.trust)
         ]
-        starts, reach_m = [T_last], config.reach_m
+        starts, reach_m, most = [T_last], config.reach_m, _MOST
         if told.sigma_m > config.lost_m:  # wheels that stood for seconds while the robot drove on
-            reach_m = min(2.0 * told.sigma_m, config.lost_reach_m)
+            middles, reach_m = [T_predicted], min(2.0 * told.sigma_m, config.lost_reach_m)
+            most = _MOST_FAR
         for middle in middles:
-            starts += self._surfaces.searched(points, middle, reach_m, config.reach_rad)
+            starts += self._surfaces.searched(points, middle, reach_m, config.reach_rad, most=most)
         # wheels that are that far off tell little of where along a wall the robot is
         loose = LITTLE * told.odometry
         for start in starts:

@@ -261,10 +261,11 @@ class SurfaceMap:
         reach_m: float,
         reach_rad: float,
         level: int = 1,
+        most: int = 3,
     ) -> list[SE2]:
         """The poses around T_middle at which most points fall on what is known, best first.
 
-        Every half cell of a level and 2 degrees; at most three, none beside a better one
+        Every half cell of a level and 2 degrees; so many at most, none beside a better one
         (correlative scan matching: Olson, ICRA 2009).
         """
         cell_m = self.config.cells_m[level]
@@ -283,7 +284,7 @@ class SurfaceMap:
             T_middle.theta + turns, counts,
         )  # fmt: skip
         found = []
-        for _ in range(3):
+        for _ in range(most):
             k, u, v = np.unravel_index(int(counts.argmax()), counts.shape)
             if counts[k, u, v] <= 0:
                 break

@@ -317,8 +317,9 @@ def test_after_odometry_jumped_a_scan_is_looked_for_where_the_robot_was_as_well(
 @pytest.mark.parametrize("told_m", [0.0, 0.4])
 def test_scan_is_looked_for_as_far_as_wheels_that_stood_for_long_leave_open(told_m):
     """Wheels of aces stuck for 10 s: a scan fitted 1.3 m short of where it lay, out of reach."""
-    boxes = [box(2.5, 0.7, 3.4, 1.0), box(5.8, -1.0, 6.9, -0.7), box(8.4, 0.6, 9.0, 1.0)]
-    walls = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), *boxes])
+    # boxes of which both ends were seen, or neither is
+    boxes = [box(-2.5, 0.7, -1.4, 1.0), box(6.8, -1.0, 9.5, -0.7), box(8.4, 0.6, 9.5, 1.0)]
+    walls = np.concatenate([room(-30.0, -1.0, 9.5, 1.0), *boxes])
     front_end, rng, pose = FrontEnd(SE2.identity()), np.random.default_rng(3), SE2.identity()
     angles = np.radians(np.arange(-180.0, 180.0, 0.5))
     for index in range(21):
@@ -389,7 +390,9 @@ def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
         return replace(found, T_map_base=T_start @ off, cost=0.5 if is_first else 0.4 - off.x / 10)
 
     monkeypatch.setattr(front_end._window.surfaces, "match", wandering)
-    monkeypatch.setattr(front_end._window.surfaces, "searched", lambda *_: [SE2.identity()] * 2)
+    monkeypatch.setattr(
+        front_end._window.surfaces, "searched", lambda *_, **__: [SE2.identity()] * 2
+    )
     here = SE2.identity()
     told = Prediction(here, here, np.eye(3), np.eye(3), noise=1.0, is_coasting=False)
     found = front_end._candidates.around(front_end._seen(front_end._beams(second)), told, None)
