@@ -77,6 +77,7 @@ def _blind(
     the robot went, keyframes or not, where wheels that measure it otherwise hardly did."""
     has_wheels = not all(one.is_guess for one in told[1:])
     start: int | None = None
+    told_at = first_step
     for at in range(first_step, len(steps)):
         step, way = steps[at], told[at - first_step]
         is_blind = step.status is StepStatus.CARRIED and not step.is_keyframe
@@ -85,6 +86,10 @@ def _blind(
             if start is not None and at > start + 1:
                 yield start, at
             start = at
+        told_at = told_at if is_blind else at
+    # a log may end before a scan tells all of it: nobody knows better than by the last that tells some
+    if start is not None and told_at > start + 1:
+        yield start, told_at
 
 
 def _by_wheels(step: ToldStep, noise: float) -> ToldStep:

@@ -31,7 +31,8 @@ class ConsistencyConfig:
     `Witnesses`; 0.021 and less on 100 right maps, some with a third of their beams lost. bad_pair:
     a pair in which so many were; from a share of doubtful_pairs on, more loops may help; most_bad_pairs:
     share of those that scans beside either bear out, 0.0053 and less of 44 right maps of simulated
-    buildings and 0 of aces, fr101, mit-csail and mines-exp2. most_through, most_walls: scans that saw
+    buildings and 0 of aces, fr101, mit-csail and mines-exp2; most_bad_alone: of all bad pairs, whether borne out or
+    not: scans that lie wrong one by one have none beside them that say so. most_through, most_walls: scans that saw
     something on the way that the robot drove, and those in which it was no closed door; two at most on
     four real logs, ten and more on wrong maps. beside: so few
     keyframes off, one loop says what another does. most_rejected: share of the loops that the others
@@ -47,6 +48,7 @@ class ConsistencyConfig:
     most_passed: float = 0.04
     bad_pair: float = 0.25
     most_bad_pairs: float = 0.01
+    most_bad_alone: float = 0.04
     doubtful_pairs: float = 0.0075
     most_through: int = 14
     most_walls: int = 5
@@ -97,9 +99,11 @@ def judged(
         reasons.append(
             f"{100 * said.passed_ratio:.0f} % of what scans saw is where others saw nothing"
         )
-    if said.borne_out > config.most_bad_pairs:
+    are_alone = said.bad_pairs > config.most_bad_alone
+    if are_alone or said.borne_out > config.most_bad_pairs:
+        share = said.bad_pairs if are_alone else said.borne_out
         reasons.append(
-            f"{100 * said.borne_out:.0f} % of {said.pairs} pairs of scans of one place contradict each other"
+            f"{100 * share:.0f} % of {said.pairs} pairs of scans of one place contradict each other"
         )
     bad, count = (len(without_ties(found)) for found in (rejected, (*loops, *rejected)))
     if count >= 10 and bad > config.most_rejected * count:

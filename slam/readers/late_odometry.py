@@ -83,9 +83,17 @@ class LateOdometry:
 
     def _let_go_old(self) -> list[LogRecord]:
         """Those of them that have waited long enough."""
-        since_s, old = self._waiting[-1].time_s - _WAITS_S, len(self._waiting) - _WAITING
-        old = max(old, sum(1 for _ in takewhile(lambda one: one.time_s < since_s, self._waiting)))
-        return self._first_let_go(old, self._is_denied()) if old > 0 else []
+        first_s, last_s = self._waiting[0].time_s, self._waiting[-1].time_s
+        if last_s < first_s:  # a clock that was set back tells not for how long
+            return self._let_go()
+        old = max(
+            len(self._waiting) - _WAITING,
+            sum(1 for _ in takewhile(lambda one: one.time_s < last_s - _WAITS_S, self._waiting)),
+        )
+        let_go = self._first_let_go(old, self._is_denied()) if old > 0 else []
+        # somebody may have stood before the laser as the robot stopped
+        self._seen = next((one for one in reversed(let_go) if one.scan is not None), self._seen)
+        return let_go
 
     def _first_let_go(self, count: int, is_denied: bool) -> list[LogRecord]:
         let_go = [self._waiting.popleft() for _ in range(count)]

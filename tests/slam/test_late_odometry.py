@@ -213,6 +213,21 @@ def test_stamps_that_stand_or_go_back_are_borne(interval_s):
     assert [len(given) for given in given_by(stands)] == [1] * len(stands) + [0]
 
 
+def test_whoever_stood_before_the_laser_as_the_robot_stopped_does_not_make_it_drive():
+    # half a minute, of which the first scans look otherwise, and then a jump of odometry
+    told = [*DRIVE, *[STILL] * 150, SE2(0.8, 0.0, 0.0), *DRIVE]
+    records = records_of(told, lambda k: 40 if 34 < k <= 181 else k)
+    assert not any(any(one.late_sigma) for one in in_time(records))
+
+
+def test_clock_that_is_set_back_while_odometry_stands_lets_all_go():
+    stands = records_of([*DRIVE, *[STILL] * 40])
+    later = [replace(one, time_s=one.time_s - 3600.0) for one in stands[60:]]
+    given = [len(one) for one in given_by([*stands[:60], *later])]
+    assert given[60] == 30
+    assert sum(given) == len(stands)
+
+
 def test_no_more_records_wait_than_memory_bears():
     fast = records_of([STEP, *[STILL] * 9000], lambda k: None, interval_s=0.001)
     given = [len(given) for given in given_by(fast)]

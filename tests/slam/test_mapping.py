@@ -403,6 +403,10 @@ def test_what_one_scan_says_against_all_others_is_no_contradiction_of_the_map(
     verdict = judged(slam_map.keyframes, poses, slam_map.loops, (), some)
     assert verdict.bad_pairs > some.most_bad_pairs
     assert any("contradict each other" in reason for reason in verdict.reasons) is is_told
+    # unless many scans lie wrong one by one
+    many = replace(some, most_bad_pairs=1.0, most_bad_alone=0.9 * verdict.bad_pairs)
+    reasons = judged(slam_map.keyframes, poses, slam_map.loops, (), many).reasons
+    assert any("contradict each other" in reason for reason in reasons)
 
 
 def test_map_torn_in_two_is_called_failed_unless_a_loop_ties_it(slam_map):
