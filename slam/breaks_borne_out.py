@@ -69,6 +69,10 @@ class BreaksBorneOut:
         kept, rejected = graph.sorted_loops()
         return kept, [*rejected, *self.let_go]
 
+    def leave_apart(self, first: int) -> None:
+        """Forgets the loops from keyframes before the first of a session, with which it is joined no more."""
+        self.let_go = [loop for loop in self.let_go if not loop.earlier < first <= loop.later]
+
     def _let_go_lone(self, graph: KeyframeGraph, told: Sequence[ToldStep]) -> None:
         for _ in range(_ROUNDS):
             sure = sure_ways(graph.keyframes, graph.poses, told, self._break_sigma, LEAST_NOISE)

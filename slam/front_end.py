@@ -268,9 +268,8 @@ class FrontEnd:
         is_weak = len(points) < config.least_begun and not is_blind
         if is_weak and not told.is_guess and told.squared(match) > config.trust:
             return None, StepStatus.CARRIED  # few points against the wheels
-        if (
-            told.sigma_m > config.lost_m and told.other is None
-        ):  # what hardly fits fits elsewhere too
+        if told.sigma_m > config.lost_m and told.other is None:
+            # what hardly fits, fits elsewhere too
             least = max(least, config.guess_inlier_ratio)
         fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
         if fits and not is_blind and not self._is_against(match, told):

@@ -162,6 +162,8 @@ class Mapper:
         else:
             self._weak_steps.loosen(self._graph, self._front_end, self._steps, self._closer)
         self._put_strays_back()
+        if not self._session.is_joined:
+            self._breaks.leave_apart(self._session.first)
         if not self.config.is_odometry_doubted:
             self._breaks.believe(self._graph, self._front_end.told_steps)
         slam_map = self._held_together()
@@ -246,6 +248,7 @@ class Mapper:
             kept, rejected = self._adjusted(closer, every)
             if not self._session.holds():
                 self._session.unjoin()
+                self._breaks.leave_apart(self._session.first)
                 if self._graph.loops:
                     kept, rejected = self._adjusted(closer, every)
                 else:

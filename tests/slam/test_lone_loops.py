@@ -62,6 +62,11 @@ def test_loop_that_wheels_and_all_others_deny_is_let_go():
     # and whoever is asked again begins with all loops
     breaks.believe(graph, TOLD)
     assert breaks.let_go == [false]
+    # but for a session that is joined no more
+    breaks.leave_apart(false.earlier)
+    assert breaks.let_go == [false]
+    breaks.leave_apart(BREAK)
+    assert breaks.let_go == []
 
 
 def test_nobody_knows_who_is_right_where_no_other_loop_tells():
