@@ -47,20 +47,22 @@ def hanging_pieces(slam_map: SlamMap, break_sigma: tuple[float, float, float]) -
     }
     blind = [k for k, is_blind in came_blind.items() if is_blind]
     seen = [k for k in came_blind if k not in blind]
-    graph = _as_wheels_say(slam_map, blind, break_sigma) if blind else PoseGraph()
-    said = _hanging(slam_map, graph, blind, _LEAST_M, "no scan told where the robot is")
-    if said or not seen:
-        return said
-    graph = _as_wheels_say(slam_map, [*blind, *seen], break_sigma)
-    return _hanging(slam_map, graph, seen, _OPEN_M, "nothing told how far the robot went")
+    for breaks, as_told, least_m, words in (
+        (blind, blind, _LEAST_M, "no scan told where the robot is"),
+        (seen, [*blind, *seen], _OPEN_M, "nothing told how far the robot went"),
+    ):
+        if breaks:
+            graph = _as_wheels_say(slam_map, as_told, break_sigma)
+            said = _hanging(slam_map, graph, breaks, least_m, words)
+            if said:
+                return said
+    return []
 
 
 def _hanging(
-    slam_map: SlamMap, graph: PoseGraph, breaks: Sequence[int], least_m: float, told: str
+    slam_map: SlamMap, graph: PoseGraph, breaks: Sequence[int], least_m: float, words: str
 ) -> list[str]:
-    """In words, what is less known over one of the breaks than elsewhere, by the graph; told: until then."""
-    if not breaks:
-        return []
+    """In words, what is less known over one of the breaks than elsewhere, by the graph; words: of what came before."""
     keyframes, poses, solution = slam_map.keyframes, slam_map.poses, graph.solve()
     over_m = sigmas_m(solution, np.array([(k - 1, k) for k in breaks]))
     for k, sigma_m in zip(breaks, over_m, strict=True):
@@ -72,7 +74,7 @@ def _hanging(
         usual_m = float(np.median(sigmas_m(solution, pairs)))
         if sigma_m > _LOOSER * usual_m:
             return [
-                f"until {keyframes[k].time_s:.2f} s {told}, and loops tie what"
+                f"until {keyframes[k].time_s:.2f} s {words}, and loops tie what"
                 f" came after to what was before from so far away that it may lie {sigma_m:.1f} m elsewhere:"
                 f" other places as far apart are known to {usual_m:.2f} m"
             ]

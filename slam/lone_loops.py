@@ -14,9 +14,11 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.keyframes import Keyframe
 from slam.loop_closing import Loop
+from slam.mapper_config import MapperConfig
 from slam.pose_graph import PoseGraphSolution
-from slam.slam_map import graph_of
-from slam.ways_over_breaks import seen_ways
+from slam.slam_map import SlamMap, graph_of
+from slam.strays import ToldStep
+from slam.ways_over_breaks import seen_ways, sure_ways
 
 LEAST_NOISE = 0.25
 """Of wheels that are taken for noisier than they are; chosen."""
@@ -62,12 +64,17 @@ def lone_loops(
     return found
 
 
-def in_words(lone: Sequence[LoneLoop], keyframes: Sequence[Keyframe]) -> list[str]:
-    """What is said of a map with such loops of which nobody knows whether they or the wheels are right."""
+def breaks_in_doubt(slam_map: SlamMap, told: Sequence[ToldStep], config: MapperConfig) -> list[str]:
+    """In words, that nobody knows whether wheels or the one loop over a break are right; told: see `sure_ways`."""
+    keyframes, loops, poses = slam_map.keyframes, slam_map.loops, slam_map.poses
+    sure = sure_ways(keyframes, poses, told, config.front_end.break_sigma, LEAST_NOISE)
+    if not sure or not loops:
+        return []
+    solution = graph_of(keyframes, loops, poses, config.step_sigma).solve()
     return [
         f"the scans broke off at {keyframes[one.keyframe].time_s:.2f} s, and one loop alone has what came after"
         f" {one.off_m:.1f} m from where the wheels lead"
-        for one in lone
+        for one in lone_loops(keyframes, loops, solution, sure, config.step_sigma)
     ]
 
 

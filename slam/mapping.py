@@ -16,7 +16,7 @@ from slam.hanging_pieces import hanging_pieces
 from slam.joint_adjustment import jointly_adjusted
 from slam.keyframe_graph import KeyframeGraph
 from slam.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.lone_loops import LEAST_NOISE, in_words, lone_loops
+from slam.lone_loops import breaks_in_doubt
 from slam.loop_closing import Loop, LoopCloser
 from slam.loose_runs import smoothed
 from slam.looseness import Looseness
@@ -35,7 +35,6 @@ from slam.slam_map import SlamMap, graph_of, points_seen
 from slam.stray_scans import with_scans_put_back
 from slam.strays import ToldStep, may_have_strayed, told_step
 from slam.there_and_back import put_strays_back
-from slam.ways_over_breaks import sure_ways
 from slam.weak_steps import WeakSteps
 from slam.wheels_borne_out import believe_where_borne_out, shown_noise, told_to_keyframes
 
@@ -179,22 +178,9 @@ class Mapper:
             )  # fmt: skip
             said = said or too_far_adrift(slam_map.drift_m, slam_map.poses)
             said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)
-            said = said or self._breaks_in_doubt(slam_map)
+            if not self.config.is_odometry_doubted:
+                said = said or breaks_in_doubt(slam_map, self._front_end.told_steps, self.config)
         return slam_map.objected([*self._known_objections, *said])
-
-    def _breaks_in_doubt(self, slam_map: SlamMap) -> list[str]:
-        """In words, that nobody knows whether the wheels or the one loop over a break are right."""
-        config, keyframes = self.config, slam_map.keyframes
-        if config.is_odometry_doubted:
-            return []
-        told, break_sigma = self._front_end.told_steps, config.front_end.break_sigma
-        sure = sure_ways(keyframes, slam_map.poses, told, break_sigma, LEAST_NOISE)
-        if not sure or not slam_map.loops:
-            return []
-        graph = graph_of(keyframes, slam_map.loops, slam_map.poses, config.step_sigma)
-        return in_words(
-            lone_loops(keyframes, slam_map.loops, graph.solve(), sure, config.step_sigma), keyframes
-        )
 
     def _rescale(self) -> None:
         """Takes the steps of the session by the wheels' scale that is known at its end."""

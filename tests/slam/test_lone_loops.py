@@ -9,9 +9,11 @@ import pytest
 from slam import SE2
 from slam.breaks_borne_out import BreaksBorneOut
 from slam.keyframe_graph import KeyframeGraph
-from slam.lone_loops import LEAST_NOISE, LoneLoop, in_words, lone_loops
+from slam.lone_loops import LEAST_NOISE, LoneLoop, breaks_in_doubt, lone_loops
 from slam.loop_closing import Loop
+from slam.map_consistency import MapVerdict
 from slam.mapper_config import MapperConfig
+from slam.slam_map import SlamMap, graph_of
 from slam.ways_over_breaks import sure_ways
 from tests.slam.test_breaks_borne_out import (
     BREAK,
@@ -75,7 +77,11 @@ def test_nobody_knows_who_is_right_where_no_other_loop_tells():
     assert not one.is_denied
     assert one.keyframe == BREAK
     assert one.off_m == pytest.approx(OFF.x, abs=0.1)
-    (said,) = in_words([one], graph.keyframes)
+    keyframes, loops = tuple(graph.keyframes), tuple(graph.loops)
+    built, verdict = graph_of(keyframes, loops, graph.poses), MapVerdict(True, 0.0, 0.0, 0)
+    slam_map = SlamMap(keyframes, graph.poses, loops, (), built, (), verdict)
+    (said,) = breaks_in_doubt(slam_map, TOLD, MapperConfig())
+    assert breaks_in_doubt(replace(slam_map, loops=()), TOLD, MapperConfig()) == []
     assert said.startswith(f"the scans broke off at {BREAK:.2f} s, and one loop alone")
     assert "1.4 m" in said
     breaks = BreaksBorneOut(BREAK_SIGMA, SIGMA)
