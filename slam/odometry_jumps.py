@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from statistics import fmean
 
 import numpy as np
 
 from slam.keyframes import FrontEndStep
 from slam.measurements import Measurement
+from slam.running_median import RunningMedian
 from slam.se2 import SE2
 
 _FAR_M, _FAR_BACK_M = 0.5, 0.3
@@ -45,20 +48,25 @@ class _Step:
     elapsed_s: float
     motion: SE2
 
-    @property
+    @cached_property
     def way_m(self) -> float:
         return math.hypot(self.motion.x, self.motion.y)
 
-    @property
+    @cached_property
     def speed_mps(self) -> float:
         return self.way_m / self.elapsed_s
 
-    @property
+    @cached_property
     def back_m(self) -> float:
         """How far back it led, as seen from its beginning and from its end: who turned round within it and
         drove on, or the other way, did not go back."""
         c, s = math.cos(self.motion.theta), math.sin(self.motion.theta)
         return -max(self.motion.x, c * self.motion.x + s * self.motion.y)
+
+    @property
+    def is_long(self) -> bool:
+        """Whether it may be a jump at all."""
+        return self.way_m > _FAR_M or self.back_m > _FAR_BACK_M
 
     @property
     def velocity_mps(self) -> tuple[float, float]:
@@ -84,6 +92,27 @@ class JudgedMotion:
     has_jumped: bool = False
 
 
+class _Intervals:
+    """Between records [s]: how short the stamps of two may be apart and tell a speed, of records that come
+    evenly or some at once."""
+
+    def __init__(self) -> None:
+        self._last_s: deque[float] = deque(maxlen=_LEAST)
+        self._means_s = RunningMedian(_STEPS - _LEAST + 1)
+
+    def take(self, interval_s: float) -> None:
+        self._last_s.append(interval_s)
+        if len(self._last_s) == _LEAST:
+            self._means_s.take(fmean(self._last_s))
+
+    @property
+    def least_s(self) -> float:
+        """Inf where no interval is known."""
+        if self._means_s:
+            return _BRIEF * self._means_s.median
+        return _BRIEF * fmean(self._last_s) if self._last_s else math.inf
+
+
 class OdometryJumps:
     """Knows how fast the robot goes, and which way. Much faster it goes on as it did, turning as it is
     told; that, and a way back for the first time, is as unsure as the two are apart: then its scans say
@@ -91,10 +120,10 @@ class OdometryJumps:
 
     def __init__(self) -> None:
         self._steps: deque[_Step] = deque(maxlen=_STEPS)
-        self._intervals_s: deque[float] = deque(maxlen=_STEPS)
+        self._intervals = _Intervals()
         self._last_s, self._told_s, self._in_a_row = math.inf, math.inf, 0
         self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
-        self._was_back, self._least_s = False, math.inf
+        self._was_back = False
         self._begun: list[_Step] = []
 
     def judged(self, measurement: Measurement, is_blind: bool = False) -> JudgedMotion:
@@ -144,9 +173,8 @@ class OdometryJumps:
         elapsed_s, self._last_s = time_s - self._last_s, time_s
         if elapsed_s <= 0.0:
             return False
-        self._intervals_s.append(elapsed_s)
-        self._least_s = _least_s(self._intervals_s)
-        is_timed = elapsed_s >= self._least_s
+        self._intervals.take(elapsed_s)
+        is_timed = elapsed_s >= self._intervals.least_s
         if is_timed:
             self._interval_s = elapsed_s
         return is_timed
@@ -173,7 +201,10 @@ class OdometryJumps:
     def begun_with_s(self) -> float | None:
         """When one of the first steps was a jump [s], by how the robot drove after it: that was believed,
         since nobody knew yet; None if none was."""
-        begun = _timed(self._begun, _least_s([one.elapsed_s for one in self._begun]))
+        intervals = _Intervals()
+        for step in self._begun:
+            intervals.take(step.elapsed_s)
+        begun = _timed(self._begun, intervals.least_s)
         for at, step in enumerate(begun[:_LEAST]):
             others = begun[:at] + begun[at + 1 :]
             if len(others) < _LEAST:
@@ -197,20 +228,12 @@ class OdometryJumps:
     def _as_never_before(self, step: _Step) -> tuple[bool, bool]:
         """Whether a step is much faster than those remembered, and back for the first time; one of these
         may have been a jump that nobody noticed."""
-        steps = _timed(self._steps, self._least_s)
+        if not step.is_long:
+            return False, False
+        steps = _timed(self._steps, self._intervals.least_s)
         if len(steps) < _LEAST or self._in_a_row >= _AGAIN - 1:
             return False, False
         return step.as_never_before(*_most_of(steps, left_out=1))
-
-
-def _least_s(intervals_s: Collection[float]) -> float:
-    """Between two records whose stamps tell a speed [s], of those that come evenly or some at once; inf
-    where no interval is known."""
-    count = min(len(intervals_s), _LEAST)
-    if count == 0:
-        return math.inf
-    means_s = np.convolve(np.array(intervals_s), np.full(count, 1.0 / count), "valid")
-    return _BRIEF * float(np.median(means_s))
 
 
 def _timed(steps: Iterable[_Step], least_s: float) -> list[_Step]:
