@@ -10,7 +10,7 @@ from gymnasium.utils import RecordConstructorArgs
 from experiments.methods import METHODS, KnownPlace, Method, checked_methods
 from experiments.observations import ObservationSource, known_place, task_of
 from kitasap_sim.env.base import Observation, box
-from slam.hypotheses_config import HypothesesConfig
+from slam.guard.hypotheses_config import HypothesesConfig
 from slam.localization import Estimate, Localizer
 from slam.se2 import SE2, wrap_angle
 from slam.verdict import Status

@@ -9,15 +9,15 @@ from typing import TypeVar
 from experiments.evaluation import odometry_of_log
 from experiments.log_writing import write_bag, write_carmen
 from experiments.outputs import checked_bag, checked_file
-from slam.kitti_files import read_trajectory, write_kitti
-from slam.map_files import read_map, write_map
+from slam.files.kitti_files import read_trajectory, write_kitti
+from slam.files.map_files import read_map, write_map
+from slam.files.point_files import write_pcd, write_ply
+from slam.files.slam_map_files import read_slam_map
 from slam.occupancy_grid import OccupancyGrid
-from slam.point_files import write_pcd, write_ply
 from slam.pose_graph import read_g2o, write_g2o
 from slam.readers.log import Log, LogChoice
 from slam.readers.recognition import read_log
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map
 from slam.trajectory import Trajectory, write_tum
 
 T = TypeVar("T")

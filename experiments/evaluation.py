@@ -13,7 +13,7 @@ import numpy as np
 
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray, IntArray
-from slam.kitti_files import read_trajectory
+from slam.files.kitti_files import read_trajectory
 from slam.metrics import (
     AbsoluteErrors,
     RelationErrors,

@@ -17,9 +17,9 @@ import numpy as np
 from kitasap_sim.built_places import Block
 from kitasap_sim.rectangles import rectangles
 from slam.arrays import BoolArray, FloatArray
-from slam.text_fields import in_one_line
-from slam.whole_files import read_at_most
-from slam.yaml_files import shown
+from slam.files.text_fields import in_one_line
+from slam.files.whole_files import read_at_most
+from slam.files.yaml_files import shown
 
 _MOST_BYTES = 2_000_000
 _MOST_CORNERS = 5_000

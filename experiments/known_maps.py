@@ -11,9 +11,10 @@ import numpy as np
 from experiments.protocols import DEFAULT_METHOD
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.files.map_files import read_map
+from slam.files.slam_map_files import read_slam_map
 from slam.known_map import USUAL_LASER, KnownMap
 from slam.laser_model import LaserModel
-from slam.map_files import read_map
 from slam.measurements import Measurement
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
@@ -21,7 +22,6 @@ from slam.ray_counts import still_standing
 from slam.readers.recognition import is_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map
 
 _PICTURES = (".pgm", ".png")
 """Of maps, as map_server and we write them."""

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam.files.whole_files import write_whole
 from slam.measurements import LaserScan
 from slam.odometry import compose_covariance
 from slam.readers.log import Log
 from slam.se2 import SE2
-from slam.whole_files import write_whole
 
 if TYPE_CHECKING:
     from experiments.bag_writer import BagWriter

@@ -12,7 +12,7 @@ from kitasap_sim.place_map import PlaceMap
 from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 
 NEAR_M = 0.05
 """How far a point of the map may lie from a true surface, and the other way round."""

@@ -13,7 +13,7 @@ from kitasap_sim.built_places import Block, place_mjcf
 from kitasap_sim.rectangles import rectangles
 from kitasap_sim.robot import KITASAP2
 from slam.arrays import BoolArray
-from slam.map_files import read_map
+from slam.files.map_files import read_map
 from slam.occupancy_grid import OccupancyGrid
 from slam.se2 import SE2
 

@@ -25,7 +25,7 @@ from slam.arrays import BoolArray, FloatArray
 from slam.icp import IcpConfig, StopRule
 from slam.icp_mapping import IcpMapper
 from slam.loop_closing import without_ties
-from slam.map_consistency import MapVerdict
+from slam.map_checks.map_consistency import MapVerdict
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.metrics import AbsoluteErrors, absolute_errors

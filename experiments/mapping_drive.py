@@ -17,7 +17,7 @@ from slam.arrays import FloatArray
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surfaces import Surfaces
+from slam.surface.surfaces import Surfaces
 
 if TYPE_CHECKING:
     # it knows trials, which know this module

@@ -27,9 +27,9 @@ from slam.matchers import (
 from slam.point_map import PointMap
 from slam.relocalization import Relocalizer
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfaces import Surfaces
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfaces import Surfaces
+from slam.surface.surfel_grid import SurfelGrid
 from slam.wheel_prior import WheelPrior
 
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from experiments.plan_example import EXAMPLE
 from kitasap_sim.built_places import Block, Pillar
 from kitasap_sim.floor_plan import FloorPlan, Wall
-from slam.yaml_files import read_yaml, shown
+from slam.files.yaml_files import read_yaml, shown
 
 _FARTHEST_M = 300.0
 """Chosen: the cells in which a place's free space is found are then 0.2 m wide."""

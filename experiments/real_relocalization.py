@@ -22,7 +22,7 @@ from experiments.known_maps import map_of_scans
 from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.trial_log import write_atomically
-from slam.hypotheses_config import HypothesesConfig
+from slam.guard.hypotheses_config import HypothesesConfig
 from slam.known_map import KnownMap
 from slam.localization import Estimate, Localizer
 from slam.lost import GuardConfig

@@ -12,14 +12,14 @@ import numpy as np
 from experiments.outputs import check_is_no_folder
 from experiments.slam_result import SlamLog
 from experiments.trial_log import write_atomically
-from slam.map_files import write_map
+from slam.files.map_files import write_map
+from slam.files.point_files import write_ply
+from slam.files.slam_map_files import write_slam_map
 from slam.mapping import MapperStep
 from slam.occupancy_grid import OccupancyGrid
-from slam.point_files import write_ply
 from slam.pose_graph import write_g2o
 from slam.ray_counts import TooManyCellsError
 from slam.slam_map import SlamMap
-from slam.slam_map_files import write_slam_map
 from slam.trajectory import TUM_HEADER, Trajectory, tum_lines, write_tum
 
 SOMETIMES = ("sessions.tum", "map.yaml", "map.pgm")

@@ -16,13 +16,13 @@ from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_result import SlamLog
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_summary
 from slam.arrays import FloatArray
-from slam.drive_monitor import told_by_wheels_alone
-from slam.front_end_config import FrontEndConfig
-from slam.map_consistency import leaves_no_doubt
-from slam.map_drift import too_far_adrift
+from slam.frontend.front_end_config import FrontEndConfig
+from slam.map_checks.drive_monitor import told_by_wheels_alone
+from slam.map_checks.map_consistency import leaves_no_doubt
+from slam.map_checks.map_drift import too_far_adrift
+from slam.map_checks.moved_things import is_all_that_is_said
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
-from slam.moved_things import is_all_that_is_said
 from slam.pose_lookup import PoseLookup
 from slam.readers.log import Log, MotionSinceScan
 from slam.se2 import SE2

@@ -12,7 +12,7 @@ import numpy as np
 
 from experiments.evaluation import Evaluation
 from experiments.slam_wheels import wheels_line
-from slam.keyframes import StepStatus
+from slam.frontend.keyframes import StepStatus
 from slam.loop_closing import without_ties
 from slam.se2 import SE2
 from slam.slam_map import SlamMap

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from slam.arrays import FloatArray
-from slam.front_end_config import FrontEndConfig
+from slam.frontend.front_end_config import FrontEndConfig
 from slam.mapper_config import MapperConfig
 from slam.odometry import WheelModel
 from slam.readers.log import Log

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor
 
-from slam.whole_files import write_whole
+from slam.files.whole_files import write_whole
 
 FRAMES_PER_S = 10
 _WIDTHS_PX, _COLOURS = (800, 640, 560, 480, 400, 320, 240, 160), 32

@@ -19,17 +19,18 @@ Open3D is not imported before its first use.
 from slam.beam_likelihood import BeamConfig, cramer_rao_bound, fisher_information, match_beams
 from slam.beams import Beams
 from slam.calibration import Calibration, CalibrationConfig, calibrate
+from slam.files.map_files import read_map, write_map
+from slam.files.slam_map_files import read_slam_map, write_slam_map
+from slam.frontend.keyframes import StepStatus
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
 from slam.icp_mapping import IcpMap, IcpMapper
-from slam.keyframes import StepStatus
 from slam.known_map import KnownMap
 from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
 from slam.loop_closing import Loop
 from slam.lost import Guard, GuardConfig
-from slam.map_consistency import MapVerdict
-from slam.map_files import read_map, write_map
+from slam.map_checks.map_consistency import MapVerdict
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.match_verdict import VerdictConfig
@@ -55,11 +56,10 @@ from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import IcpStep, MatchStatus, RangeFit, ScanMatch
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map, write_slam_map
-from slam.surfaces import Surfaces
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfaces import Surfaces
+from slam.surface.surfel_grid import SurfelGrid
 from slam.trajectory import Trajectory, read_tum, write_tum
 from slam.verdict import Status, Verdict
 from slam.warm_up import warm_up

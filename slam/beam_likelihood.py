@@ -24,10 +24,10 @@ from slam.kernels.beam_likelihood import (
 from slam.kernels.beam_search import maximise, reach_of, sharpen
 from slam.kernels.normal_equations import covariance_into, widest
 from slam.laser_model import LaserModel
-from slam.normal_points import standard_normal_points
 from slam.scan_match import PoseInformation
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap, is_near_by
+from slam.surface.normal_points import standard_normal_points
+from slam.surface.segment_map import SegmentMap, is_near_by
 
 _SHARP_M = 0.02
 """Where a scan tells the position less well, edges are no matter of small shifts."""

@@ -23,7 +23,7 @@ from slam.kernels.beam_evidence import (
 from slam.kernels.beam_search import reach_of
 from slam.laser_model import LaserModel
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 
 
 @dataclass(frozen=True)

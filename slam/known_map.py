@@ -21,10 +21,10 @@ from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.relocalization import FreeSpace, Relocalizer
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfaces import Surfaces
-from slam.surfel_grid import SurfelGrid
-from slam.surfels import surfel_map
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfaces import Surfaces
+from slam.surface.surfel_grid import SurfelGrid
+from slam.surface.surfels import surfel_map
 
 METHODS = ("open3d", "fast", "limit")
 USUAL_LASER = LaserModel(RangeNoise(((0.0, 0.02),)), 0.0, 12.0)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.kernels.branch_and_bound import best_of_blocks, max_pooled
-from slam.near_cells import nearest_points, row_blocks
 from slam.se2 import SE2
+from slam.surface.near_cells import nearest_points, row_blocks
 
 _MAX_BYTES = 120_000_000
 """Chosen: of all levels; 540 by 540 m of cells of 0.1 m, in four."""

@@ -12,8 +12,8 @@ from slam.beams import Beams
 from slam.consistency import InnovationMonitor
 from slam.frozen_laser import FrozenLaser
 from slam.fusion import PoseFilter, Viewpoint, covariance_held
+from slam.guard.look import Look, Step
 from slam.innovation_scales import InnovationScales
-from slam.look import Look, Step
 from slam.lost import Guard
 from slam.matchers import Matcher
 from slam.measurements import LaserScan, Measurement, check_stamped, checked_motion

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.contradictions import passed
-from slam.keyframes import Keyframe
+from slam.frontend.contradictions import passed
+from slam.frontend.keyframes import Keyframe
 from slam.se2 import SE2, wrap_angle
-from slam.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 
 _NONE: Set[int] = frozenset()
 _SLIDE = 1.5

@@ -7,19 +7,25 @@ from dataclasses import dataclass, field
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.hypotheses import Hypotheses
-from slam.hypotheses_config import HypothesesConfig
+from slam.guard.hypotheses import Hypotheses
+from slam.guard.hypotheses_config import HypothesesConfig
+from slam.guard.laser_faults import (
+    CompanionMonitor,
+    LaserFaultConfig,
+    blocked,
+    is_covered,
+    says_nothing,
+)
+from slam.guard.last_views import LastViews
+from slam.guard.look import Fit, Look, Step
+from slam.guard.lost_search import LostSearch
+from slam.guard.slip import SlipConfig, SlipMonitor
+from slam.guard.unmapped import UnmappedConfig, UnmappedObstacle
+from slam.guard.usual_fit import BestHere, UsualFit, UsualFitConfig
 from slam.in_steps import Steps, all_at_once
-from slam.laser_faults import CompanionMonitor, LaserFaultConfig, blocked, is_covered, says_nothing
-from slam.last_views import LastViews
-from slam.look import Fit, Look, Step
-from slam.lost_search import LostSearch
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
-from slam.slip import SlipConfig, SlipMonitor
-from slam.unmapped import UnmappedConfig, UnmappedObstacle
-from slam.usual_fit import BestHere, UsualFit, UsualFitConfig
 from slam.verdict import Judgement, Status, Verdict
 
 _ELSEWHERE = "carried away: the scan fits another place far better"

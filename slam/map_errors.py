@@ -12,9 +12,9 @@ from slam.beams import Beams
 from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surface_map import faced, faced_and_variances
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surface_map import faced, faced_and_variances
+from slam.surface.surfel_grid import SurfelGrid
 
 _SHARED_M, _SHARED = 0.3, 0.3
 """Chosen: pieces of a wall are fitted to the points 15 cm around, so that those 30 cm apart have no

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from slam.front_end_config import FrontEndConfig
-from slam.joint_adjustment import AdjustmentConfig
+from slam.backend.joint_adjustment import AdjustmentConfig
+from slam.backend.session_joining import JoiningConfig
+from slam.frontend.front_end_config import FrontEndConfig
+from slam.frontend.strays import StrayConfig
 from slam.loop_closing import LoopConfig
-from slam.map_consistency import ConsistencyConfig
-from slam.session_joining import JoiningConfig
+from slam.map_checks.map_consistency import ConsistencyConfig
 from slam.slam_map import STEP_SIGMA
-from slam.strays import StrayConfig
 
 
 @dataclass(frozen=True)

@@ -9,34 +9,34 @@ from functools import partial
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.breaks_borne_out import BreaksBorneOut
-from slam.drive_monitor import DriveMonitor
-from slam.front_end import FrontEnd
-from slam.hanging_pieces import hanging_pieces
-from slam.joint_adjustment import jointly_adjusted
-from slam.keyframe_graph import KeyframeGraph
-from slam.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.lone_loops import breaks_in_doubt
+from slam.backend.joint_adjustment import jointly_adjusted
+from slam.backend.keyframe_graph import KeyframeGraph
+from slam.backend.looseness import Looseness
+from slam.backend.map_session import MapSession, objections_of_drives
+from slam.backend.rescaling import chained, rescaled
+from slam.frontend.front_end import FrontEnd
+from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.frontend.loose_runs import smoothed
+from slam.frontend.odometry_jumps import OdometryJumps
+from slam.frontend.strays import ToldStep, may_have_strayed, told_step
 from slam.loop_closing import Loop, LoopCloser
-from slam.loose_runs import smoothed
-from slam.looseness import Looseness
-from slam.map_consistency import acquitted, judged
-from slam.map_drift import too_far_adrift
-from slam.map_session import MapSession, objections_of_drives
+from slam.map_checks.breaks_borne_out import BreaksBorneOut
+from slam.map_checks.drive_monitor import DriveMonitor
+from slam.map_checks.hanging_pieces import hanging_pieces
+from slam.map_checks.lone_loops import breaks_in_doubt
+from slam.map_checks.map_consistency import acquitted, judged
+from slam.map_checks.map_drift import too_far_adrift
+from slam.map_checks.moved_things import moved_things
+from slam.map_checks.open_ways import unknown_ways
+from slam.map_checks.scan_places import unknown_places
+from slam.map_checks.stray_scans import with_scans_put_back
+from slam.map_checks.there_and_back import put_strays_back
+from slam.map_checks.weak_steps import WeakSteps
+from slam.map_checks.wheels_borne_out import believe_where_borne_out, shown_noise, told_to_keyframes
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
-from slam.moved_things import moved_things
-from slam.odometry_jumps import OdometryJumps
-from slam.open_ways import unknown_ways
-from slam.rescaling import chained, rescaled
-from slam.scan_places import unknown_places
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
-from slam.stray_scans import with_scans_put_back
-from slam.strays import ToldStep, may_have_strayed, told_step
-from slam.there_and_back import put_strays_back
-from slam.weak_steps import WeakSteps
-from slam.wheels_borne_out import believe_where_borne_out, shown_noise, told_to_keyframes
 
 _DOUBTED = np.eye(3)
 """Of a motion [m, rad] that is told, and not believed; chosen: hardly a robot goes as far from one scan

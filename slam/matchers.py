@@ -23,8 +23,8 @@ from slam.range_noise import RangeNoise
 from slam.scan_match import IcpStep, MatchStatus, RangeFit, ScanMatch
 from slam.scan_matching import SurfelMatch, SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 
 
 class Matcher(Protocol):

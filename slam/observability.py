@@ -14,7 +14,7 @@ from slam.beams import Beams
 from slam.point_map import PointMap
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2, wrap_angle
-from slam.surface_map import faced
+from slam.surface.surface_map import faced
 
 _SHIFT_M = 0.2
 """Chosen: far beyond the spacing of a map's points and the noise of a laser."""

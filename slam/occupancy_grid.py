@@ -18,8 +18,8 @@ from slam.arrays import BoolArray, FloatArray, IntArray, checked_points
 from slam.beams import Beams
 from slam.ray_counts import RayCounts
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfels import SurfelConfig, surfel_map
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfels import SurfelConfig, surfel_map
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 """Values of a cell in nav_msgs/OccupancyGrid; between the last two, a probability in percent."""

@@ -18,8 +18,8 @@ from slam.laser_model import LaserModel
 from slam.likelihood_grid import LikelihoodGrid, SearchConfig, layout, spread
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 
 _SQUARE_M = 1.6
 """Chosen: 256 positions; a quarter or four times as many take as long."""

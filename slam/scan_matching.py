@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slam.arrays import FloatArray
 from slam.kernels.surfel_matching import descend
 from slam.se2 import SE2
-from slam.surfel_grid import SurfelGrid
+from slam.surface.surfel_grid import SurfelGrid
 
 
 @dataclass(frozen=True)

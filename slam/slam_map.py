@@ -9,17 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.keyframes import FrontEndStep, Keyframe
+from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.known_map import KnownMap, laser_seen
 from slam.laser_model import LaserModel
 from slam.localization import Localizer
 from slam.loop_closing import Loop
-from slam.map_consistency import MapVerdict, unjoined_sessions
-from slam.map_drift import drift_m
+from slam.map_checks.map_consistency import MapVerdict, unjoined_sessions
+from slam.map_checks.map_drift import drift_m
 from slam.occupancy_grid import OccupancyGrid
 from slam.pose_graph import EdgeKernel, PoseGraph
 from slam.se2 import SE2
-from slam.surfaces import Surfaces, surfaces_of
+from slam.surface.surfaces import Surfaces, surfaces_of
 from slam.trajectory import Trajectory
 
 STEP_SIGMA = (0.003, 0.003, 0.001)
@@ -63,7 +63,7 @@ class SlamMap:
     @cached_property
     def drift_m(self) -> float:
         """By how much poses may be off as seen from one another [m], by the map's own account: see
-        `slam.map_drift`. Of sessions that were joined."""
+        `slam.map_checks.map_drift`. Of sessions that were joined."""
         unjoined = self.unjoined
         joined = [k for k, one in enumerate(self.keyframes) if one.session not in unjoined]
         return drift_m(self.graph, np.array(joined, dtype=np.int64))

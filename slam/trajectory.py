@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray, frozen_array
+from slam.files.text_fields import finite_numbers
+from slam.files.whole_files import read_text, write_whole
 from slam.se2 import FARTHEST_M, wrap_angle
-from slam.text_fields import finite_numbers
-from slam.whole_files import read_text, write_whole
 
 _UNIT_TOLERANCE = 0.01
 TUM_HEADER = "# time_s x y z qx qy qz qw"

@@ -13,9 +13,9 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.drive_adjustment import PARAMETER_COUNT, WheelRecord
-from slam.front_end import FrontEnd
-from slam.front_end_config import FrontEndConfig
-from slam.keyframes import StepStatus
+from slam.frontend.front_end import FrontEnd
+from slam.frontend.front_end_config import FrontEndConfig
+from slam.frontend.keyframes import StepStatus
 from slam.measurements import Measurement
 from slam.odometry import DifferentialDrive, WheelModel
 from slam.se2 import SE2

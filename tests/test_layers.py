@@ -3,7 +3,7 @@
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -23,11 +23,11 @@ MAY_IMPORT = {
 ONLY_IN = {
     "kitasap_sim/compiled.py": {"numba"},
     "kitasap_sim/window.py": {"glfw"},
-    "slam/map_files.py": {"PIL", "yaml"},
+    "slam/files/map_files.py": {"PIL", "yaml"},
     "slam/readers/bag_files.py": {
         *("rosbags", "apsw", "lz4", "backports", "compression", "yaml"),
     },
-    "slam/yaml_files.py": {"yaml"},
+    "slam/files/yaml_files.py": {"yaml"},
     "slam/open3d_backend.py": {"open3d", "libusb_package"},
     "experiments/doctor.py": {"packaging"},
     "experiments/figures/against_bound.py": {"matplotlib"},
@@ -151,6 +151,10 @@ RANKS = (
     | {"weak_steps", "there_and_back", "moved_things", "breaks_borne_out"}
     | {"lone_loops", "ways_over_breaks"},
 )
+GROUPS = tuple(
+    f"slam.{name}" for name in ("backend", "files", "frontend", "guard", "map_checks", "surface")
+)
+"""Packages that group modules of several ranks."""
 BESIDE_THE_RANKS = {"metrics", "readers"}
 """They use the first two ranks, and no estimator uses them."""
 
@@ -169,7 +173,7 @@ def imports(path: Path) -> Iterator[str]:
             assert node.module is not None
             yield node.module
             # `from slam import icp` imports a module too
-            if node.module in PACKAGES:
+            if node.module in {*PACKAGES, *GROUPS}:
                 yield from (f"{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.Call):
             yield from _imported_by_call(node)
@@ -191,11 +195,18 @@ def rank(module: str) -> int:
     return next(number for number, names in enumerate(RANKS) if module in names)
 
 
-def slam_modules(path: Path) -> set[str]:
-    """The modules of `slam` that a file imports, by the first name below the package."""
-    names = (name.split(".") for name in imports(path))
+def ranked(parts: Sequence[str]) -> str | None:
+    """The name that has a rank, of those below `slam`: of a package that has one, or of the module in a
+    package that groups some of several ranks; None of a name that is no module's."""
     known = set().union(*RANKS) | BESIDE_THE_RANKS
-    return {parts[1] for parts in names if parts[0] == "slam" and parts[1:] and parts[1] in known}
+    return next((name for name in parts[:2] if name in known), None)
+
+
+def slam_modules(path: Path) -> set[str]:
+    """The modules of `slam` that a file imports, by the names that have a rank."""
+    names = (name.split(".") for name in imports(path))
+    found = {ranked(parts[1:]) for parts in names if parts[0] == "slam"}
+    return {name for name in found if name is not None}
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -222,18 +233,30 @@ def test_forbidden_import_is_seen_wherever_it_stands(tmp_path, monkeypatch, line
     assert forbidden(path, package) == {name}
 
 
+def own_parts(path: Path) -> list[str]:
+    return [part.removesuffix(".py") for part in path.relative_to(REPOSITORY / "slam").parts]
+
+
 def test_every_module_of_slam_has_a_rank():
-    modules = {path.relative_to(REPOSITORY / "slam").parts[0] for path in sources("slam")}
-    modules = {name.removesuffix(".py") for name in modules if name != "__init__.py"}
-    assert modules - set().union(*RANKS) - BESIDE_THE_RANKS == set()
+    modules = [path for path in sources("slam") if path.name != "__init__.py"]
+    assert [path.name for path in modules if ranked(own_parts(path)) is None] == []
+
+
+def test_every_package_of_slam_is_a_group_or_has_a_rank():
+    packages = {path.parent.name for path in sources("slam")} - {"slam"}
+    assert packages == {n.split(".")[1] for n in GROUPS} | {
+        "kernels",
+        "pose_graph",
+        *BESIDE_THE_RANKS,
+    }
 
 
 def test_imports_inside_slam_run_leftward():
     wrong = []
     for path in sources("slam"):
-        module = path.relative_to(REPOSITORY / "slam").parts[0].removesuffix(".py")
-        if module == "__init__":
-            continue  # the front of the package shows all ranks
+        module = ranked(own_parts(path))
+        if module is None:
+            continue  # the front of a package shows all ranks
         for imported in slam_modules(path) - {module}:
             if module in BESIDE_THE_RANKS:
                 is_wrong = imported in BESIDE_THE_RANKS or rank(imported) > 1

@@ -24,7 +24,7 @@ from slam.readers.log import Log, LogRecords
 from slam.readers.log_odometry import USUAL_NOISE, unknown_motion
 from slam.readers.log_record import LogRecord
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 
 _MOST_RMSE, _MOST = 0.003, 0.01
 """Errors of a right map of a larger building, of the distance between the corners of the way."""

@@ -14,11 +14,11 @@ from rich.table import Table
 from experiments.evaluation import Evaluation, evaluated
 from experiments.slam_log import check_same_time, default_mapped
 from experiments.tables import wide_console
+from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.metrics import Relations, read_relations
 from slam.readers.log import Log, LogRecords
 from slam.readers.log_record import LogRecord
 from slam.readers.recognition import read_log
-from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.trajectory import Trajectory, read_tum
 
 

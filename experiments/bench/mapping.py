@@ -14,7 +14,7 @@ from rich.table import Table
 from experiments.bench.registration_run import one_core
 from experiments.memory import resident_mb
 from experiments.tables import wide_console
-from slam.front_end import FrontEnd
+from slam.frontend.front_end import FrontEnd
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.readers.log import Log

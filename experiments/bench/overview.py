@@ -14,9 +14,9 @@ from experiments.progress import CountProgress
 from experiments.tables import wide_console
 from experiments.trials import TrialConfig
 from kitasap_sim.places import Place
+from slam.files.whole_files import write_whole
 from slam.readers.log import Log
 from slam.readers.recognition import read_log
-from slam.whole_files import write_whole
 
 _PLACE, _LASER = "room_fig4", "urg_04lx"
 _COLUMNS = ("benchmark", "of", "measured", "beside")

@@ -15,8 +15,8 @@ from slam.measurements import LaserScan
 from slam.point_map import PointMap
 from slam.scan_matching import SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 
 Register = Callable[[FloatArray, LaserScan, SE2], SE2]
 """From points_base (N, 2) [m], the scan that they were taken from, and the pose to start at, to

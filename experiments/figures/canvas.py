@@ -15,7 +15,7 @@ from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from slam.whole_files import write_whole
+from slam.files.whole_files import write_whole
 
 COLOURS = {
     "odometry": "#7f7f7f",

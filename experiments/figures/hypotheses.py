@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from experiments.figures.canvas import saved
 from experiments.figures.kidnaps import Kidnaps, true_heading
-from slam.hypotheses_config import HypothesesConfig
+from slam.guard.hypotheses_config import HypothesesConfig
 from slam.se2 import wrap_angle
 
 _RIGHT, _RIVAL, _WRONG, _BAND = "#1f77b4", "#8c8c8c", "#d62728", "#fff0cc"

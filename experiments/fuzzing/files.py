@@ -74,7 +74,7 @@ def read_log_wholly(name: str) -> Reading:
 
 def ros_map(folder: Path) -> _Made:
     """Maps of map_server: the YAML file, a line of =, the image."""
-    from slam.map_files import ImageFormat, MapMode, read_map, write_map
+    from slam.files.map_files import ImageFormat, MapMode, read_map, write_map
     from slam.occupancy_grid import OccupancyGrid
     from slam.se2 import SE2
 
@@ -107,8 +107,8 @@ def slam_map(folder: Path) -> _Made:
     """Maps kept by this library. Inputs other than zip files are the arrays, one after the other:
     the check sums of zip files would refuse nearly all that is changed."""
     from experiments.fuzzing.room import T_BASE_LASER, drive
+    from slam.files.slam_map_files import read_slam_map, write_slam_map
     from slam.mapping import Mapper
-    from slam.slam_map_files import read_slam_map, write_slam_map
 
     mapper = Mapper(T_BASE_LASER)
     for _, measurement in drive(12, 40):
@@ -165,7 +165,7 @@ def tum(_: Path) -> _Made:
 
 def kitti(_: Path) -> _Made:
     """Trajectories as KITTI has them, or told by their first line."""
-    from slam.kitti_files import read_kitti, read_trajectory
+    from slam.files.kitti_files import read_kitti, read_trajectory
 
     text = "".join(f"1 0 0 {k} 0 1 0 0.1 0 0 1 0\n" for k in range(4)).encode()
 

@@ -11,7 +11,7 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.measurements import LaserScan, Measurement
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 
 WALLS = np.array(
     [

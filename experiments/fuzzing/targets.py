@@ -61,16 +61,18 @@ TARGETS: dict[str, Target] = {
     "bag-mcap": Target(_of(_BAGS, "mcap"), (*_LOGS, "rosbags"), "log"),
     "bag-sqlite": Target(_of(_BAGS, "sqlite"), (*_LOGS, "rosbags"), "log"),
     "ros-map": Target(
-        _of(_FILES, "ros_map"), ("slam.map_files", "slam.yaml_files", "yaml", "PIL"), "m."
+        _of(_FILES, "ros_map"),
+        ("slam.files.map_files", "slam.files.yaml_files", "yaml", "PIL"),
+        "m.",
     ),
     "slam-map": Target(
         _of(_FILES, "slam_map"),
-        ("slam.slam_map_files", "slam.slam_map_checks", "slam.slam_map"),
+        ("slam.files.slam_map_files", "slam.files.slam_map_checks", "slam.slam_map"),
         "m.kitasap",
     ),
     "g2o": Target(_of(_FILES, "g2o"), ("slam.pose_graph",), "graph.g2o"),
     "tum": Target(_of(_FILES, "tum"), ("slam.trajectory",), "t.tum"),
-    "kitti": Target(_of(_FILES, "kitti"), ("slam.kitti_files", "slam.trajectory"), "t.kitti"),
+    "kitti": Target(_of(_FILES, "kitti"), ("slam.files.kitti_files", "slam.trajectory"), "t.kitti"),
     "relations": Target(
         _of(_FILES, "relations"), ("slam.metrics.relation_files",), "all.relations"
     ),

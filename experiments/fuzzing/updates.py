@@ -18,6 +18,7 @@ import numpy as np
 from experiments.fuzzing.room import SCAN_S, START, STEP, T_BASE_LASER, WALLS, angles, drive, scan
 from experiments.fuzzing.targets import Reading
 from slam.arrays import FloatArray
+from slam.backend.session_joining import JoiningConfig
 from slam.icp import IcpConfig, StopRule
 from slam.known_map import KnownMap
 from slam.lines import LineMap
@@ -27,8 +28,7 @@ from slam.mapping import Mapper
 from slam.matchers import LineMatcher, Matcher, PaperMatcher
 from slam.measurements import LaserScan, Measurement
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.session_joining import JoiningConfig
+from slam.surface.segment_map import SegmentMap
 
 _BEAMS = 121
 _HEAD = struct.Struct("<4e2B")

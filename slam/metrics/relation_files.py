@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from slam.files.text_fields import finite_numbers
+from slam.files.whole_files import read_text, write_whole
 from slam.metrics.relations import Relations
-from slam.text_fields import finite_numbers
-from slam.whole_files import read_text, write_whole
 
 _HEADER = "# timestamp1 timestamp2 x y z roll pitch yaw"
 _FIELDS = 8

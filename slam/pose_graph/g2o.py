@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from slam.files.text_fields import finite_numbers
+from slam.files.whole_files import read_text, write_whole
 from slam.pose_graph.graph import PoseGraph
 from slam.pose_graph.robust import EdgeKernel
 from slam.se2 import SE2
-from slam.text_fields import finite_numbers
-from slam.whole_files import read_text, write_whole
 
 _HEADER = "# kitasap pose graph, version 1:"
 _KERNEL = "# kernel"

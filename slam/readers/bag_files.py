@@ -28,7 +28,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from slam.whole_files import opened
+from slam.files.whole_files import opened
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.files.text_fields import numbers
 from slam.readers.carmen_lines import (
     KEYWORDS,
     LASERS,
@@ -34,7 +35,6 @@ from slam.readers.no_return import NoReturnSearch
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.se2 import SE2
-from slam.text_fields import numbers
 
 _LOG_DECIMALS = 6
 _MOUNTING_TOLERANCE = 1e-3

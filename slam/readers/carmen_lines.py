@@ -20,10 +20,10 @@ from functools import lru_cache
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.files.text_fields import numbers
 from slam.measurements import LATEST_S, LaserScan
 from slam.readers.no_return import NO_RETURN_SHARE
 from slam.se2 import FARTHEST_M, SE2
-from slam.text_fields import numbers
 
 LASERS = ("FLASER", "ROBOTLASER1", "RAWLASER1", "RAWLASER2", "RAWLASER3", "RAWLASER4")
 """By preference: a log often has the same scan as several of them; the first tell the odometry."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from slam.whole_files import opened
+from slam.files.whole_files import opened
 
 _LONGEST_LINE = 1 << 20
 """Bytes; chosen: a scan of 1081 beams takes 10 kB. A file without line ends is not read whole."""

@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from slam.files.text_fields import is_number
+from slam.files.whole_files import opened
 from slam.readers.carmen import CarmenConfig, read_carmen
 from slam.readers.carmen_lines import KEYWORDS
 from slam.readers.lines import text_lines
 from slam.readers.log import Log, LogChoice
 from slam.readers.ticks import FIRST_RANGE, TicksConfig, read_ticks
-from slam.text_fields import is_number
-from slam.whole_files import opened
 
 _LINES_LOOKED_AT = 1000
 """Chosen: logs begin with comments and parameters, at most some hundred."""

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
+from slam.files.text_fields import numbers
 from slam.measurements import LATEST_S, LaserScan
 from slam.odometry import DifferentialDrive, OdometryNoise, WheelModel
 from slam.readers.lines import text_lines, told_if_cut
@@ -25,7 +26,6 @@ from slam.readers.no_return import NoReturnSearch
 from slam.readers.own_parts import OwnPartsSearch, own_parts_said, without_own_parts
 from slam.readers.sweep_clock import rhythm
 from slam.se2 import FARTHEST_M, SE2
-from slam.text_fields import numbers
 
 FIRST_RANGE = 24
 """The field where the ranges begin."""

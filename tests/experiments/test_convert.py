@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from experiments.cli import main
-from slam.kitti_files import read_kitti, read_trajectory, write_kitti
-from slam.map_files import read_map
+from slam.files.kitti_files import read_kitti, read_trajectory, write_kitti
+from slam.files.map_files import read_map
+from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.mapping import Mapper
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
 from slam.readers.bag_files import Bag
 from slam.readers.recognition import read_log
-from slam.slam_map_files import read_slam_map, write_slam_map
 from slam.trajectory import Trajectory, read_tum, write_tum
 from tests.slam.ring import T_BASE_LASER, drive, way
 from tests.slam.turtlebot import Frames, Recording, write_bag

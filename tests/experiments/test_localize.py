@@ -17,7 +17,7 @@ from kitasap_sim.hand import kidnap
 from kitasap_sim.laser import laser
 from kitasap_sim.simulation import Simulation
 from slam.beams import Beams
-from slam.map_files import read_map, write_map
+from slam.files.map_files import read_map, write_map
 from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.readers.carmen import read_carmen
 from slam.se2 import SE2, wrap_angle

@@ -11,7 +11,7 @@ import pytest
 from experiments.cli import main
 from experiments.map_worlds import MapWorld, map_world
 from kitasap_sim.places import Place
-from slam.map_files import write_map
+from slam.files.map_files import write_map
 from slam.occupancy_grid import OccupancyGrid
 from slam.se2 import SE2
 from tests.experiments.cell_rays import free_length

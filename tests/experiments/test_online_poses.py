@@ -12,7 +12,7 @@ from experiments.outputs import results_together
 from experiments.slam_files import SOMETIMES, OnlinePoses
 from experiments.slam_log import default_mapped
 from experiments.slam_result import SlamLog
-from slam.keyframes import StepStatus
+from slam.frontend.keyframes import StepStatus
 from slam.mapping import MapperStep
 from slam.readers.recognition import read_log
 from slam.se2 import SE2

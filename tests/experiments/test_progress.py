@@ -9,7 +9,7 @@ import pytest
 
 from experiments.cli import main
 from experiments.progress import DriveProgress, SlamProgress
-from slam.keyframes import StepStatus
+from slam.frontend.keyframes import StepStatus
 from slam.mapping import MapperStep
 from slam.se2 import SE2
 

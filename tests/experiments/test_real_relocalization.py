@@ -15,7 +15,7 @@ from slam.localization import Estimate, Localizer
 from slam.measurements import LaserScan, Measurement
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 from slam.verdict import Status, Verdict
 from tests.experiments.refusals import line_of_refusal, refusal
 

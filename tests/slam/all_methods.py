@@ -19,8 +19,8 @@ from slam.matchers import (
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 from tests.slam.synthetic import sampled
 
 METHODS = ("line", "paper", "open3d", "fast", "limit")

@@ -10,7 +10,7 @@ from slam.evidence import Evidence, EvidenceConfig
 from slam.laser_model import LaserModel
 from slam.likelihood_grid import Candidate, LikelihoodGrid, spread
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 
 FloatArray = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from slam.measurements import LaserScan
 from slam.range_noise import RangeNoise
 from slam.relocalization import FreeSpace, Relocalizer
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 
 FloatArray = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from slam.kernels.smooth_beams import look_smooth
 from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 from tests.slam.slow_twins import cast_all, gradients
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, round_wall, scan_of
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.map_files import read_map
+from slam.files.map_files import read_map
 from slam.metrics import read_relations
 from slam.pose_graph import read_g2o
 from slam.readers.carmen import CarmenConfig, read_carmen

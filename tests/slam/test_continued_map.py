@@ -9,17 +9,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam import relocalization, verdict_limits
+from slam import relocalization
+from slam.backend.session_joining import JoiningConfig
 from slam.evidence import evidence_of
+from slam.files.slam_map_files import read_slam_map, write_slam_map
+from slam.guard import verdict_limits
+from slam.guard.verdict_limits import _VIRTUAL_SCAN, VerdictLimits, virtual_scan
 from slam.loop_closing import LoopCloser
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
-from slam.session_joining import JoiningConfig
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map, write_slam_map
-from slam.verdict_limits import _VIRTUAL_SCAN, VerdictLimits, virtual_scan
 from tests.slam import ring
 from tests.slam.synthetic import box, room
 
@@ -134,7 +135,7 @@ def test_join_is_taken_back_when_the_scans_contradict_it(first):
 
 
 def test_start_that_is_told_needs_no_search_and_a_wrong_one_is_not_believed(first, monkeypatch):
-    monkeypatch.setattr("slam.session_joining.Guard", lambda *_: pytest.fail("searched"))
+    monkeypatch.setattr("slam.backend.session_joining.Guard", lambda *_: pytest.fail("searched"))
     measurements = ring.drive(SECOND[:20], np.random.default_rng(1))
     true = FIRST[0].inverse() @ SECOND[0]
     slam_map, steps = continued(first, measurements, true @ SE2(0.3, -0.2, 0.1))

@@ -14,9 +14,9 @@ from slam.kernels.edges import (
 )
 from slam.kernels.mixed_pixels import density_beside, mixing_shares, slope_and_bend
 from slam.kernels.smooth_beams import keep_smooth
-from slam.normal_points import standard_normal_points
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.normal_points import standard_normal_points
+from slam.surface.segment_map import SegmentMap
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, scan_of
 
 NODES = np.linspace(-3.5, 3.5, 33)

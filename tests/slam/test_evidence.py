@@ -10,7 +10,7 @@ from slam.evidence import Evidence, EvidenceConfig, evidence_of
 from slam.laser_model import LaserModel
 from slam.range_noise import RangeNoise
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
+from slam.surface.segment_map import SegmentMap
 from tests.slam.slow_twins import evidence_by_beam
 from tests.slam.synthetic import CLUTTERED_ROOM, ROOM_SEGMENTS, legs, room, scan_of
 

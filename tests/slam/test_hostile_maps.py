@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from slam.files.map_files import read_map, write_map
+from slam.files.slam_map_files import read_slam_map
 from slam.known_map import KnownMap
-from slam.map_files import read_map, write_map
 from slam.occupancy_grid import OccupancyGrid
 from slam.se2 import SE2
-from slam.slam_map_files import read_slam_map
 
 YAML = """\
 image: {image}
@@ -157,7 +157,7 @@ def test_formats_for_which_pillow_starts_programs_are_not_read(tmp_path):
 def test_large_maps_are_read_in_parts(tmp_path, monkeypatch):
     cells = np.random.default_rng(0).choice([-1, 0, 100], (70, 40)).astype(np.int8)
     write_map(tmp_path / "map.yaml", OccupancyGrid(cells, 0.05, SE2.identity()))
-    monkeypatch.setattr("slam.map_files._PIXELS_AT_ONCE", 130)
+    monkeypatch.setattr("slam.files.map_files._PIXELS_AT_ONCE", 130)
     np.testing.assert_array_equal(read_map(tmp_path / "map.yaml").cells, cells)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from slam import SE2
-from slam.keyframes import Keyframe
+from slam.frontend.keyframes import Keyframe
 from slam.loop_closing import Loop, LoopCloser
+from tests.slam.frontend.test_open_runs import kept
 from tests.slam.synthetic import box, room
-from tests.slam.test_open_runs import kept
 
 # a corridor with a box here and there, seen from either side
 WALLS = np.concatenate(

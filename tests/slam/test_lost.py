@@ -8,12 +8,12 @@ import pytest
 
 from slam import SE2, Localizer
 from slam.beams import Beams
-from slam.laser_faults import LaserFaultConfig, says_nothing
-from slam.look import Look, Step
+from slam.guard.laser_faults import LaserFaultConfig, says_nothing
+from slam.guard.look import Look, Step
+from slam.guard.verdict_limits import VerdictLimits
 from slam.measurements import LaserScan
 from slam.scan_match import MatchStatus, ScanMatch
 from slam.verdict import Status
-from slam.verdict_limits import VerdictLimits
 from tests.slam.all_methods import SIGMA_M
 from tests.slam.guarded import LASER, START, STILL, Robot, made
 from tests.slam.synthetic import ANGLES_RAD, ROOM_SEGMENTS, scan_of

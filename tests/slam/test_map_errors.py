@@ -8,7 +8,7 @@ from slam.beams import Beams
 from slam.laser_model import LaserModel
 from slam.map_errors import MetSurfaces
 from slam.range_noise import RangeNoise
-from slam.surfels import surfel_map
+from slam.surface.surfels import surfel_map
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, sampled, scan_of
 
 SIGMA_M = 0.01

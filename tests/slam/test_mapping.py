@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.contradictions import passed
-from slam.driven_through import driven_through
-from slam.keyframes import StepStatus
+from slam.files.slam_map_files import read_slam_map, write_slam_map
+from slam.frontend.contradictions import passed
+from slam.frontend.keyframes import StepStatus
+from slam.frontend.odometry_jumps import OdometryJumps
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
-from slam.map_consistency import ConsistencyConfig, MapVerdict, acquitted, judged
+from slam.map_checks.driven_through import driven_through
+from slam.map_checks.map_consistency import ConsistencyConfig, MapVerdict, acquitted, judged
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.odometry import compose_covariance
-from slam.odometry_jumps import OdometryJumps
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.slam_map_files import read_slam_map, write_slam_map
 from tests.slam import ring
 from tests.slam.logs import shared_log
 from tests.slam.synthetic import box, room

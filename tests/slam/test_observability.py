@@ -13,7 +13,7 @@ from slam.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slam.point_map import PointMap
 from slam.scan_match import MatchStatus
 from slam.se2 import SE2
-from slam.surface_map import faced
+from slam.surface.surface_map import faced
 from tests.slam.all_methods import MODEL, SIGMA_M, localizer, matchers
 from tests.slam.synthetic import ROOM_CENTRE, ROOM_SEGMENTS, round_wall, sampled, scan_of
 

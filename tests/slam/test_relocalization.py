@@ -15,8 +15,8 @@ from slam.measurements import Measurement
 from slam.range_noise import RangeNoise
 from slam.relocalization import Hypothesis, Relocalizer, RelocalizerConfig, in_front_of
 from slam.se2 import SE2, wrap_angle
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 from tests.slam.synthetic import (
     CLUTTERED_ROOM,
     ROOM_SEGMENTS,

@@ -9,8 +9,8 @@ import pytest
 from slam.beams import Beams
 from slam.scan_matching import SurfelMatch, SurfelMatchConfig, match_surfels
 from slam.se2 import SE2
-from slam.segment_map import SegmentMap
-from slam.surfel_grid import SurfelGrid
+from slam.surface.segment_map import SegmentMap
+from slam.surface.surfel_grid import SurfelGrid
 from tests.slam.synthetic import ANGLES_RAD, ROOM_CENTRE, ROOM_SEGMENTS, box, scan_of
 
 CELL_M = 0.02
@@ -273,7 +273,7 @@ def test_grid_knows_the_nearest_wall_and_its_open_side():
 
 
 def test_large_map_gets_larger_cells(monkeypatch):
-    monkeypatch.setattr("slam.surfel_grid._MAX_CELLS", 10_000)
+    monkeypatch.setattr("slam.surface.surfel_grid._MAX_CELLS", 10_000)
     wide = SurfelGrid.of(SegmentMap(RECTANGLE), CELL_M)
     # 6 x 4.5 m with the reach around it, in 10 000 cells; one more row and column than fit
     assert wide.cell_m == pytest.approx(math.sqrt(6.0 * 4.5 / 10_000))

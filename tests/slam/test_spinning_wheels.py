@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from slam.beams import Beams
-from slam.front_end import FrontEnd
-from slam.front_end_config import FrontEndConfig
-from slam.keyframes import Keyframe, StepStatus
+from slam.frontend.front_end import FrontEnd
+from slam.frontend.front_end_config import FrontEndConfig
+from slam.frontend.keyframes import Keyframe, StepStatus
+from slam.frontend.people_along import SeenBefore
+from slam.frontend.prediction import Prediction
+from slam.frontend.slipped_wheels import SlippedWheels
 from slam.measurements import Measurement
-from slam.people_along import SeenBefore
-from slam.prediction import Prediction
 from slam.se2 import SE2
-from slam.slipped_wheels import SlippedWheels
-from slam.surface_map import SurfaceMap, SurfaceMatch, faced
+from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced
 from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, ROOM, WALLS, mapped, spun
+from tests.slam.frontend.test_open_runs import kept
 from tests.slam.synthetic import box, scan_of
-from tests.slam.test_open_runs import kept
 
 POINTS = np.zeros((0, 3))
 

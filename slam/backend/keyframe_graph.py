@@ -1,0 +1,154 @@
+"""Keyframes one after the other, the loops among them, and the poses at which both agree best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slam.arrays import FloatArray, IntArray
+from slam.backend.looseness import Looseness
+from slam.frontend.keyframes import Keyframe
+from slam.kernels.graph_ways import ways_from
+from slam.loop_closing import Loop, without_ties
+from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
+from slam.se2 import SE2, wrap_angle
+from slam.slam_map import add_loop, add_step, graph_of
+
+_TORN_M = 100.0
+"""Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
+
+_FEW_REJECTED = 0.02
+"""Share of the loops; chosen: fewer are wrong ones, of the four logs 0.6 % at most, and need no second
+look that takes ten times as long."""
+
+
+class KeyframeGraph:
+    """The pose graph of keyframes and loops, kept beside them.
+
+    step_sigma: (m, m, rad) of the motion between two keyframes beside what the front end says.
+    """
+
+    def __init__(self, step_sigma: tuple[float, float, float]) -> None:
+        self.keyframes: list[Keyframe] = []
+        self.loops: list[Loop] = []
+        self._step_sigma = step_sigma
+        self._graph, self._loop_edges, self._breaks = PoseGraph(), list[int](), list[int]()
+        self._held_ends, self._tie_count = _ends_of([]), 0
+        self.looseness = Looseness()
+
+    @property
+    def loop_count(self) -> int:
+        """Loops at which a place is seen again: ties left out."""
+        return len(self.loops) - self._tie_count
+
+    def __len__(self) -> int:
+        return len(self.keyframes)
+
+    @property
+    def poses(self) -> FloatArray:
+        """(K, 3) of the keyframes, as of now."""
+        return self._graph.poses
+
+    def pose(self, index: int) -> SE2:
+        """Of one keyframe, as of now."""
+        return self._graph.pose(index)
+
+    def set_poses(self, poses: FloatArray) -> None:
+        """Puts the keyframes at poses (K, 3)."""
+        self._graph.set_poses(poses)
+
+    def renew(self, keyframes: list[Keyframe], loops: list[Loop], poses: FloatArray) -> None:
+        """All of it anew: keyframes at poses (K, 3), and loops."""
+        self._graph = graph_of(keyframes, loops, poses, self._step_sigma)
+        steps = max(len(keyframes) - 1, 0)
+        self.keyframes, self.loops = keyframes, loops
+        self._tie_count = len(loops) - len(without_ties(loops))
+        self._held_ends = _ends_of(loops)
+        self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
+        self._loop_edges = list(range(steps, steps + len(loops)))
+
+    def add(self, keyframe: Keyframe, is_open: bool = False) -> None:
+        """One keyframe more, where its step leads from the last one; is_open: it leaves open how far
+        along that is."""
+        index = len(self.keyframes)
+        self.looseness.take(keyframe, is_open)
+        self.keyframes.append(keyframe)
+        if keyframe.is_break:
+            self._breaks.append(index)
+        if index == 0:
+            self._graph.add_node(keyframe.T_map_base)
+        else:
+            self._graph.add_node(self.pose(index - 1) @ keyframe.T_before)
+            add_step(self._graph, index, keyframe, self._step_sigma)
+
+    def ways_m(self, index: int) -> FloatArray:
+        """(K,) the shortest way from one keyframe to each [m], over steps and the loops that held when
+        the poses were solved for last: the longer, the less is known of how the two lie. Where scans
+        broke off, as much longer as that leaves open."""
+        poses = self.poses
+        steps_m = np.zeros(len(poses))
+        steps_m[1:] = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        steps_m[self._breaks] += _TORN_M
+        ends = self._held_ends
+        loops_m = np.hypot(*(poses[ends[:, 0], :2] - poses[ends[:, 1], :2]).T)
+        ways_m = np.empty(len(poses))
+        ways_from(index, steps_m, ends, loops_m, ways_m)
+        return ways_m
+
+    def is_crowded(self, index: int, near: tuple[float, float], most: int) -> bool:
+        """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
+        off = self.poses - self.pose(index).as_array()
+        is_near = np.hypot(off[:, 0], off[:, 1]) < near[0]
+        is_near &= np.abs(wrap_angle(off[:, 2])) < near[1]
+        has_scan = (not self.keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
+        return sum(has_scan) > most
+
+    def take(self, loops: Sequence[Loop]) -> None:
+        """More loops."""
+        for loop in loops:
+            self._loop_edges.append(add_loop(self._graph, loop))
+            self._tie_count += loop.is_tie
+        self.loops += loops
+
+    def solve(self, max_iterations: int | None = None) -> PoseGraphSolution:
+        """Moves the poses to where steps and loops agree best, or by so many iterations on the way there.
+
+        Without a limit, loops that are rejected get a second hearing, in stages: right ones may lie so
+        far off that no descent from where the poses are leads to them.
+        """
+        if max_iterations is not None:
+            solution = self._graph.solve(config=PoseGraphConfig(max_iterations=max_iterations))
+        else:
+            solution = self._graph.solve()
+            if len(solution.rejected_loops()) > _FEW_REJECTED * len(self.loops):
+                solution = min(solution, self._in_stages(solution), key=lambda one: one.cost)
+        self._graph.set_poses(solution.poses)
+        kept, _ = self._sorted(solution)
+        self._held_ends = _ends_of(kept)
+        return solution
+
+    def _in_stages(self, solution: PoseGraphSolution) -> PoseGraphSolution:
+        """Solved once more; the same, where the edges leave a direction open by what can be computed:
+        wheels that tell of kilometres at each scan."""
+        try:
+            return self._graph.solve(Start.STAGES)
+        except ValueError:
+            return solution
+
+    def sorted_loops(self) -> tuple[list[Loop], list[Loop]]:
+        """The loops that are kept once the poses are solved for, and those that others contradict."""
+        return self._sorted(self.solve())
+
+    def _sorted(self, solution: PoseGraphSolution) -> tuple[list[Loop], list[Loop]]:
+        is_rejected = np.zeros(self._graph.edge_count, dtype=np.bool_)
+        is_rejected[solution.rejected_loops()] = True
+        of_loop = is_rejected[self._loop_edges].tolist()
+        kept = [loop for loop, bad in zip(self.loops, of_loop, strict=True) if not bad]
+        rejected = [loop for loop, bad in zip(self.loops, of_loop, strict=True) if bad]
+        return kept, rejected
+
+
+def _ends_of(loops: Sequence[Loop]) -> IntArray:
+    """(L, 2) the keyframes that loops lie between."""
+    return np.array([(loop.earlier, loop.later) for loop in loops], np.int64).reshape(-1, 2)

@@ -1,0 +1,352 @@
+"""The front end of mapping: each scan matched with the surfaces seen last, keyframe by keyframe."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.frontend.candidates import Candidates
+from slam.frontend.constant_velocity import ConstantVelocity, coasting_covariance
+from slam.frontend.front_end_config import GUESS_M, FrontEndConfig
+from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.frontend.loose_runs import LooseRuns
+from slam.frontend.open_matches import is_one_place
+from slam.frontend.open_runs import OpenRun
+from slam.frontend.pauses import Pauses
+from slam.frontend.people_along import PeopleAlong
+from slam.frontend.prediction import Prediction
+from slam.frontend.slipped_wheels import SlippedWheels
+from slam.frontend.strays import ToldStep, apart_m, told_step
+from slam.frontend.wheel_scale import ScaledStep, WheelScale
+from slam.frozen_laser import FrozenLaser
+from slam.kernels.beam_points import count_beyond
+from slam.kernels.normal_equations import inverse_of
+from slam.loop_closing import Loop
+from slam.measurements import Measurement
+from slam.se2 import SE2
+from slam.straightening import Straightener
+from slam.surface.surface_map import SurfaceMatch, faced
+from slam.surface.surface_window import SurfaceWindow
+from slam.surface.views import Glances
+
+
+class FrontEnd:
+    """Follows the robot through an unknown place, and picks the keyframes."""
+
+    def __init__(self, T_base_laser: SE2, config: FrontEndConfig | None = None) -> None:
+        self.config = config or FrontEndConfig()
+        self.keyframes: list[Keyframe] = []
+        self.glances: list[Glances] = []
+        self.wheel_scale = WheelScale(self.config.wheel_scale)
+        self.scaled_steps: list[ScaledStep] = []
+        self.told_steps: list[ToldStep] = []
+        self.loose_runs, self._scans = LooseRuns(), 0
+        self.T_map_base = SE2.identity()
+        self.ties: list[Loop] = []
+        self._window = SurfaceWindow(self.config.window, self.config.surfaces)
+        known = self._window.surfaces, self.keyframes, self.config
+        self._candidates, self._people = Candidates(*known), PeopleAlong(*known)
+        self._slipped_wheels = SlippedWheels(*known)
+        self._open_run = OpenRun(self.config)
+        self._straightener = Straightener(T_base_laser)
+        self._P: FloatArray = np.zeros((3, 3))
+        self._told = ToldStep.none()
+        self._laser = FrozenLaser()
+        self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
+        self._open_m = 0.0
+        self._pauses = Pauses(self.config.pauses)
+        self._velocity = ConstantVelocity()
+
+    def update(self, measurement: Measurement, other: SE2 | None = None) -> FrontEndStep:
+        """Places one scan; other: a motion that may have been in the place of the measurement's."""
+        beams = self._beams(measurement)
+        points = self._seen(beams)
+        told = self._predicted(measurement, other)
+        match, status, passed_ratio = self._believed(measurement, points, beams, told)
+        if match is not None and status is StepStatus.MATCHED:
+            told, match = self._without_people(told, match, points, beams)
+        is_open = match is not None and self._is_open(match, points, told)
+        is_told = (match and not is_open) or status is StepStatus.BROKEN
+        self._open_m = 0.0 if is_told else self._open_way_m(told, match)
+        by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
+        trust = told.noise * self.config.surely_wrong
+        self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
+        self.T_map_base = told.T_map_base
+        if match is not None:
+            match = self._joined(match, status, told, is_open)
+            if not told.are_people:
+                self._learn_scale(told.T_map_base, match)
+            if status is StepStatus.MATCHED and not (is_open or self._open_run.is_empty):
+                tied = self._open_run.tie(
+                    self.keyframes, self._window, points, match, by_wheels, told.noise
+                )
+            self.T_map_base, self._P = match.T_map_base, match.covariance
+        if tied is not None:
+            self.T_map_base = tied[0]
+            self.ties.append(tied[1])
+        is_new = tied is not None or self._is_new(status, points)
+        if self.keyframes and not is_new and (is_open or status is StepStatus.CARRIED):
+            self.loose_runs.add(self._scans, self.T_map_base, self._P)
+        else:
+            self.loose_runs.end()
+        self._scans += 1
+        if is_new or match is not None:
+            self._blind_m = 0.0
+        if is_new:
+            self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
+            # the way to it is told by the wheels; by scans, from before the run
+            if tied is not None:
+                self.keyframes[-1] = replace(
+                    self.keyframes[-1], T_before=by_wheels.motion, covariance=by_wheels.covariance
+                )
+                self.scaled_steps[-1] = scaled
+            self._open_run.take(len(self.keyframes) - 1, is_open)
+        if match is None or tied is not None:  # that moved the scan before as well
+            self._velocity.stop()
+            self._slipped_wheels.still.forget()
+        else:
+            self._velocity.take(told.T_last.inverse() @ self.T_map_base, self._elapsed_s)
+            self._slipped_wheels.still.take(beams, self.T_map_base)
+        T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
+        T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
+        if match is not None and not is_new:
+            self.glances[-1].take(T_keyframe_base, beams)
+        return FrontEndStep(
+            measurement.time_s, len(self.keyframes) - 1, T_keyframe_base, self.T_map_base, status,
+            0.0 if match is None else match.inlier_ratio, is_new, is_open=is_open,
+            passed_ratio=passed_ratio, is_tied=tied is not None,
+        )  # fmt: skip
+
+    def _predicted(self, measurement: Measurement, other: SE2 | None) -> Prediction:
+        """Where the wheels lead; the covariance since the last keyframe grows by that."""
+        T_last, motion = self.T_map_base, self._motion(measurement)
+        T_predicted = T_last @ self.wheel_scale.scaled(motion)
+        spread = told_step(measurement, self.config.step_sigma).covariance
+        self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
+        self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
+        self._blind_m += self._way_m(measurement)
+        is_coasting = motion is not measurement.motion
+        held = self._P
+        if is_coasting:
+            way_m = apart_m(T_last, T_predicted)
+            held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
+        noise, odometry = self.wheel_scale.noise, inverse_of(held)
+        return Prediction(T_last, T_predicted, self._P, odometry, noise, is_coasting, other)
+
+    def _believed(
+        self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction
+    ) -> tuple[SurfaceMatch | None, StepStatus, float]:
+        """The match of a scan to be believed, if there is one, and what it looks through there."""
+        match, status = self._placed(measurement, points, beams, told)
+        passed_ratio = self._candidates.passed(match.T_map_base, beams) if match else 0.0
+        if passed_ratio > self.config.most_passed:
+            match, status = None, StepStatus.BROKEN
+        if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
+            status = StepStatus.CARRIED
+        return match, status, passed_ratio
+
+    def _without_people(
+        self, told: Prediction, match: SurfaceMatch, points: FloatArray, beams: Beams
+    ) -> tuple[Prediction, SurfaceMatch]:
+        """A prediction and a match with faced points (N, 3) that people drew aside, who walked along since
+        the last keyframe: where the wheels lead from there. They drew aside scans since as well, each by
+        too little to be denied."""
+        if told.is_guess or not (self.keyframes and self._people.may_be(told, match)):
+            return told, match
+        P = self._told.covariance
+        since = told.without_people(self.keyframes[-1].T_map_base, self._told.motion, P)
+        if since.is_guess or not self._people.have_drawn(points, beams, told, since, match):
+            return told, match
+        self._P = P
+        return since, self._people.held_along(points, since, match)
+
+    def _by_wheels(self, told: Prediction, status: StepStatus) -> ToldStep:
+        """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,
+        and just where one was found by a search alone."""
+        covariance, config = self._P, self.config
+        if status is StepStatus.BROKEN:
+            covariance = self._P = self._P + np.diag(np.square(config.break_sigma))
+        elif status is StepStatus.SEARCHED:
+            reach = config.reach_m, config.reach_m, config.reach_rad
+            covariance = self._P + np.diag(np.square(reach))
+        T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
+        return ToldStep(T_keyframe.inverse() @ told.T_map_base, covariance)
+
+    def _joined(
+        self, match: SurfaceMatch, status: StepStatus, told: Prediction, is_open: bool
+    ) -> SurfaceMatch:
+        """What a match tells together with the wheels."""
+        if told.is_coasting:  # that it goes on as it did holds a search, and proves nothing
+            match = replace(match, joined=match.information + inverse_of(self._P))
+        if is_open and status is StepStatus.MATCHED:
+            return match.held_along_open(told.T_map_base, inverse_of(self._P))
+        # wheels that it contradicts tell nothing of how far along it lies
+        return match.loosened_along_open(self.config.reach_m) if is_open else match
+
+    def _motion(self, measurement: Measurement) -> SE2:
+        """Since the last scan; where nothing measured it, as fast as the one before: of nine simulated
+        logs of scans alone that had failed or were off, four became right by it, one worse."""
+        motion = measurement.motion
+        if _is_told(measurement) or motion != SE2.identity():
+            return motion
+        return self._velocity.motion(measurement.time_s - self._last_s) or motion
+
+    def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
+        """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""
+        surfaces = self.config.surfaces
+        self.wheel_scale.update(
+            self._P,
+            (T_predicted.inverse() @ match.T_map_base).log(),
+            match.information * (surfaces.pull / surfaces.share),
+            match.least_facing,
+        )
+
+    def keep_place_alone(self, index: int) -> None:
+        """Lets go of the scan of a keyframe that has left the window, and of those after it."""
+        self.keyframes[index] = self.keyframes[index].place_alone()
+        self.glances[index] = Glances()
+
+    def _seen(self, beams: Beams) -> FloatArray:
+        """(N, 3) the faced points of a scan; none where the laser is blocked."""
+        config = self.config
+        points = beams.points_within(config.range_max_m)
+        if count_beyond(points, beams.middle_m, config.blocked_m) < config.min_points:
+            points = points[:0]
+        return faced(points, beams.middle_m)
+
+    def _way_m(self, measurement: Measurement) -> float:
+        """Of the wheels since the last scan; 0 where it is too fast for any: odometry that jumps."""
+        way_m = math.hypot(measurement.motion.x, measurement.motion.y)
+        self._elapsed_s, self._last_s = measurement.time_s - self._last_s, measurement.time_s
+        return way_m if way_m <= self.config.fastest_mps * self._elapsed_s else 0.0
+
+    @property
+    def usual_interval_s(self) -> float:
+        """Between the last scans, in the median [s]; 0 where there were not two."""
+        return self._pauses.usual_interval_s
+
+    def _beams(self, measurement: Measurement) -> Beams:
+        straightener, scan = self._straightener, measurement.scan
+        duration_s = straightener.duration_s(measurement.time_s, measurement.motion)
+        if scan.beam_times_s is not None:  # else there is nothing to straighten by
+            straightener.take_motion(
+                measurement.time_s, scan.beam_times_s, measurement.motion, duration_s
+            )
+        return straightener.beams(scan)
+
+    def _placed(
+        self,
+        measurement: Measurement,
+        points: FloatArray,
+        beams: Beams,
+        told: Prediction,
+    ) -> tuple[SurfaceMatch | None, StepStatus]:
+        """The match of a scan to be believed, if there is one."""
+        config, is_frozen = self.config, self._laser.repeats(measurement.scan)
+        has_paused = self._pauses.take(self._elapsed_s, measurement.motion)
+        if len(points) < config.min_points or is_frozen or not self._window:
+            return None, StepStatus.CARRIED
+        most_m = config.blind_m if _is_told(measurement) else (config.guess_blind_m,) * 2
+        if self._blind_m > most_m[1]:
+            return None, StepStatus.BROKEN
+        led = match = self._candidates.led(points, beams, told)
+        least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
+        good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio
+        status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
+        against = self._slipped_wheels.against(points, beams, told, led)
+        if against is not None:
+            match, status = against, StepStatus.SEARCHED
+        elif match.inlier_ratio < max(good, least):
+            usual = None if told.is_coasting else self._velocity.motion(self._elapsed_s)
+            best = self._candidates.around(points, told, usual)
+            if self._candidates.is_better(best, led, told, points, beams, usual):
+                match, status = best, StepStatus.SEARCHED
+        is_weak = len(points) < config.least_begun and not is_blind
+        if is_weak and not told.is_guess and told.squared(match) > config.trust:
+            return None, StepStatus.CARRIED  # few points against the wheels
+        if told.sigma_m > config.lost_m and told.other is None:
+            # what hardly fits, fits elsewhere too
+            least = max(least, config.guess_inlier_ratio)
+        fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
+        if fits and not is_blind and not self._is_against(match, told):
+            return match, status
+        doubtful = (
+            config.least_inlier_ratio if has_paused or is_blind else config.denial.doubtful_ratio
+        )
+        is_borne_out = self._candidates.is_borne_out
+        for match in (led, self._candidates.held(points, told)):
+            if match.inlier_ratio >= doubtful and is_borne_out(match, told, points, beams):
+                return match, StepStatus.MATCHED
+        return None, StepStatus.BROKEN
+
+    def _is_against(self, match: SurfaceMatch, told: Prediction) -> bool:
+        """Whether a scan fits badly, and where wheels that measured the way did not lead."""
+        least, most = self.config.against
+        return (
+            not told.is_coasting
+            and match.inlier_ratio < least
+            and told.squared(match) > told.noise * most
+        )
+
+    def _is_open(self, match: SurfaceMatch, points: FloatArray, told: Prediction) -> bool:
+        """Whether a scan leaves a direction open. Where nothing else tells of the way, surfaces across it
+        tell, be they ever so few, if they fit in one place; wheels tell more than a few that fit all but as well
+        where these lead, and are held to."""
+        if match.is_told_by_few:
+            return False
+        config, is_little = self.config, match.least_facing < self.config.least_facing
+        if not told.tells_no_way(match) or match.least_facing >= config.ample_facing:
+            return is_little
+        way_m = self._open_way_m(told, match)
+        return not is_one_place(self._window.surfaces, points, match, way_m)
+
+    def _open_way_m(self, told: Prediction, match: SurfaceMatch | None) -> float:
+        """How far the robot went at most since the last scan that told its place."""
+        ends = [told.T_map_base] + ([] if match is None else [match.T_map_base])
+        on = self._velocity.motion(self._elapsed_s)
+        if on is not None and match is not None and told.is_denied_stand(match):
+            ends.append(told.T_last @ on)
+        return self._open_m + max(apart_m(told.T_last, end) for end in ends)
+
+    def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
+        if len(points) < self.config.min_points:
+            return False
+        if not self.keyframes or status is StepStatus.BROKEN:
+            return True
+        if status is StepStatus.CARRIED:
+            return False
+        return not self.keyframes[-1].T_map_base.is_near(
+            self.T_map_base, self.config.keyframe_m, self.config.keyframe_rad
+        )
+
+    def _take(self, time_s: float, points: FloatArray, beams: Beams, is_break: bool) -> None:
+        """Makes the scan a keyframe: its points join the surfaces, the oldest ones leave them."""
+        T_map_base = self.T_map_base
+        before = self.keyframes[-1].T_map_base if self.keyframes else T_map_base
+        self.keyframes.append(
+            Keyframe(
+                time_s,
+                T_map_base,
+                before.inverse() @ T_map_base,
+                self._P,
+                np.ascontiguousarray(points[:, :2]),
+                beams,
+                is_break,
+            )
+        )
+        self.glances.append(Glances())
+        self.scaled_steps.append(self.wheel_scale.begin_step())
+        self.told_steps.append(self._told)
+        self._P, self._told = np.zeros((3, 3)), ToldStep.none()
+        if is_break:
+            self._window.forget()
+        self._window.learn(T_map_base, points)
+
+
+def _is_told(measurement: Measurement) -> bool:
+    """Whether anything measured the way since the last scan."""
+    return bool(measurement.motion_covariance[0, 0] < GUESS_M**2)

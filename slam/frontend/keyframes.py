@@ -1,0 +1,101 @@
+"""What mapping keeps of a drive: keyframes, and where each scan was placed."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.beams import Beams
+from slam.se2 import SE2
+from slam.surface.surface_map import faced
+from slam.surface.views import Glance
+
+_NO_BEAMS = Beams(np.empty((0, 2)), np.empty(0), np.empty(0))
+
+
+class StepStatus(enum.Enum):
+    """How a scan was placed."""
+
+    MATCHED = "matched"
+    SEARCHED = "searched"  # not where the wheels led, but found near by
+    CARRIED = "carried"  # by the wheels alone: the scan tells nothing
+    BROKEN = "broken"  # nothing near by explains the scan: a new submap begins
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A scan that the map is made of.
+
+    T_map_base: where the front end placed it. T_before: its pose as seen from the keyframe before
+    (identity for the first), covariance: (3, 3) of that. points: (N, 2) [m], base frame; beams: the
+    scan itself. is_break: the scans broke off before it. session: in which it was taken, from 0;
+    T_map_base is in the frame of that session, which its first scan is the origin of. glances: some
+    of the scans between it and the next.
+    """
+
+    time_s: float
+    T_map_base: SE2
+    T_before: SE2
+    covariance: FloatArray
+    points: FloatArray
+    beams: Beams
+    is_break: bool
+    session: int = 0
+    glances: tuple[Glance, ...] = ()
+
+    @cached_property
+    def faced(self) -> FloatArray:
+        """(N, 3) the points, and where their surfaces face: see `slam.surface.surface_map`."""
+        return faced(self.points, self.beams.middle_m)
+
+    @property
+    def is_place_alone(self) -> bool:
+        """Whether only its place is kept: others saw what it saw."""
+        return len(self.beams) == 0
+
+    def place_alone(self) -> Keyframe:
+        """The same without its scan and glances."""
+        return replace(self, points=np.empty((0, 2)), beams=_NO_BEAMS, glances=())
+
+
+def as_sure_as_before(
+    keyframes: Sequence[Keyframe], changed: Mapping[int, tuple[FloatArray, FloatArray]]
+) -> list[Keyframe]:
+    """Keyframes, those again as sure as they were before whose covariances were changed, but those of which
+    something else is known by now. changed: of these, by their number, the covariance (3, 3) since, and before."""
+    found = list(keyframes)
+    for k, (since, before) in changed.items():
+        if found[k].covariance is since:
+            found[k] = replace(found[k], covariance=before)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class FrontEndStep:
+    """Where a scan was placed: as seen from the keyframe of that index (-1: the origin of its
+    session, if that has none); and how well it fits. T_map_base: as in `Keyframe`. is_open: the scan
+    itself leaves a direction open, as between two walls. passed_ratio: share of what a keyframe shortly
+    before shows in its view that its beams went through. is_tied: it moved the scans before it."""
+
+    time_s: float
+    keyframe: int
+    T_keyframe_base: SE2
+    T_map_base: SE2
+    status: StepStatus
+    inlier_ratio: float
+    is_keyframe: bool
+    session: int = 0
+    is_open: bool = False
+    passed_ratio: float = 0.0
+    is_tied: bool = False
+
+    def placed(self, poses: FloatArray) -> SE2:
+        """Where it was taken, with keyframes at poses (K, 3)."""
+        if self.keyframe < 0:
+            return self.T_keyframe_base
+        return SE2.from_array(poses[self.keyframe]) @ self.T_keyframe_base

@@ -1,0 +1,281 @@
+"""Keyframes that lie aside of the way between those before and after them, and fit on it as well.
+
+Somebody who stood in view once more draws a scan along a wall: beside him, half a metre off, it fits
+better than where it was taken. The next scan shows it, but the front end does not look back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence, Set
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.frontend.front_end_config import GUESS_M
+from slam.frontend.keyframes import Keyframe
+from slam.frontend.witnesses import Witnesses
+from slam.loop_closing import Loop
+from slam.measurements import Measurement
+from slam.odometry import compose_covariance
+from slam.se2 import SE2
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
+
+_LITTLE = 1e-6
+"""[m2], [rad2]: wheels that tell of no way at all may be off by a millimetre."""
+
+
+@dataclass(frozen=True)
+class StrayConfig:
+    """Which keyframes are looked at once more, and what is believed then.
+
+    least_m: off the way; nearer ones are as good as they are. runs: so many keyframes in a row may
+    have strayed together, tried in this order. half: keyframes to either side whose surfaces are
+    looked at. reach_m, reach_rad: around the way. nearer: share of what it was off, within which a
+    scan that fits as well, and alone agrees better with the wheels if there are any, lies on the way.
+    torn: of the wheels' normalised error squared on from it, from which it does not lie there alone.
+    least_facing: of what it sees there, as in `FrontEndConfig`: where a scan leaves its place open,
+    wheels know better. better: cost by which it must fit better where wheels lead back to it, which did
+    not lead there, but if it slides there by itself. margins, aside_m: see `Witnesses`. Chosen, all of these.
+    """
+
+    least_m: float = 0.2
+    runs: tuple[int, ...] = (1, 2, 1)
+    half: int = 8
+    reach_m: float = 0.4
+    reach_rad: float = 0.3
+    nearer: float = 0.5
+    torn: float = 40.0
+    least_facing: float = 0.003
+    better: float = 0.03
+    margins: tuple[float, float] = (0.25, 0.03)
+    aside_m: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class ToldStep:
+    """How far the wheels went since the last keyframe, or scan, and the covariance (3, 3) of that."""
+
+    motion: SE2
+    covariance: FloatArray
+
+    @staticmethod
+    def none() -> ToldStep:
+        """At a keyframe."""
+        return ToldStep(SE2.identity(), np.zeros((3, 3)))
+
+    def then(self, motion: SE2, covariance: FloatArray) -> ToldStep:
+        """And a motion more, of a covariance (3, 3)."""
+        carried = compose_covariance(self.covariance, motion, covariance)
+        return ToldStep(self.motion @ motion, carried)
+
+    @staticmethod
+    def of(steps: Iterable[ToldStep]) -> ToldStep:
+        """One step of all of them, one after the other."""
+        return reduce(
+            lambda way, step: way.then(step.motion, step.covariance), steps, ToldStep.none()
+        )
+
+    @property
+    def is_guess(self) -> bool:
+        """Whether nobody measured it."""
+        return bool(self.covariance[0, 0] > GUESS_M**2)
+
+    def squared(self, T_before: SE2, T_after: SE2) -> float:
+        """Normalised error squared of a step that led from one pose to another."""
+        off = ((T_before @ self.motion).inverse() @ T_after).log()
+        return float(off @ np.linalg.inv(self.covariance + _LITTLE * np.eye(3)) @ off)
+
+
+def told_step(measurement: Measurement, step_sigma: tuple[float, float, float]) -> ToldStep:
+    """The motion since the last scan, as unsure as it says and by step_sigma (m, m, rad) beside."""
+    spread = measurement.motion_covariance + np.diag(np.square(step_sigma))
+    return ToldStep(measurement.motion, spread)
+
+
+def without_strays(
+    keyframes: Sequence[Keyframe],
+    loops: Sequence[Loop],
+    poses: FloatArray,
+    told: Sequence[ToldStep],
+    config: StrayConfig | None = None,
+    surfaces: SurfaceMapConfig | None = None,
+) -> tuple[list[Keyframe], list[Loop], FloatArray, list[int]]:
+    """Keyframes at poses (K, 3) [m, rad], those of them that had strayed put back on the way.
+
+    told: of the last keyframes, what the wheels say of the way to each; those before stay. Also the
+    loops, without those to a keyframe that was not where it was thought to be; the poses; and which
+    keyframes were put back.
+    """
+    config = config or StrayConfig()
+    search, stays = _Search(keyframes, told, config, SurfaceMap(surfaces)), set[int]()
+    while True:
+        found, moved_poses, strays = _put_back(keyframes, poses, search, stays, config)
+        alone = {k for k in strays if k + 1 not in strays and search.is_torn(poses, moved_poses, k)}
+        if not alone:
+            break
+        stays |= alone  # what followed did not come back to the way as well
+    kept = [loop for loop in loops if loop.earlier not in strays and loop.later not in strays]
+    return found, kept, moved_poses, sorted(strays)
+
+
+def _put_back(
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    search: _Search,
+    stays: Set[int],
+    config: StrayConfig,
+) -> tuple[list[Keyframe], FloatArray, set[int]]:
+    """Keyframes at poses (K, 3) put back on the way, those poses, and which they are; not those that stay."""
+    found, moved_poses, strays = list(keyframes), poses.copy(), set[int]()
+    for run in config.runs:
+        for k in range(search.first + 1, len(keyframes) - run):
+            match = None if k in stays else search.on_the_way(moved_poses, k, run)
+            if match is not None:
+                moved_poses[k] = match.T_map_base.as_array()
+                strays.add(k)
+                for at in (k, k + 1):
+                    start, end = (SE2.from_array(pose) for pose in moved_poses[at - 1 : at + 1])
+                    # over a break nobody knows the way better than before
+                    known = found[at].covariance if found[at].is_break else match.covariance
+                    found[at] = replace(found[at], T_before=start.inverse() @ end, covariance=known)
+    return found, moved_poses, strays
+
+
+def may_have_strayed(
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    index: int,
+    told: Sequence[ToldStep],
+    config: StrayConfig | None = None,
+) -> bool:
+    """Whether a keyframe, or one of those about it that are looked at with it, lies aside of the way
+    between those before and after it, or of two that do so together. told: see `without_strays`."""
+    config, first = config or StrayConfig(), len(keyframes) - len(told)
+    start = index - config.half - max(config.runs) + 1
+    about = range(max(start, first + 1), min(index + config.half + 1, len(keyframes)))
+    ways = (
+        (k, _way(keyframes, poses, k, (k - 1, k + run), told[k - first]))
+        for k in about
+        for run in set(config.runs)
+        if k + run < len(keyframes)
+    )
+    return any(apart_m(way, SE2.from_array(poses[k])) >= config.least_m for k, way in ways)
+
+
+class _Search:
+    """Looks for keyframes on the way between their neighbours."""
+
+    def __init__(
+        self,
+        keyframes: Sequence[Keyframe],
+        told: Sequence[ToldStep],
+        config: StrayConfig,
+        surfaces: SurfaceMap,
+    ) -> None:
+        self._keyframes, self._config, self._surfaces = keyframes, config, surfaces
+        self._told, self.first = told, len(keyframes) - len(told)
+
+    def is_torn(self, poses: FloatArray, moved_poses: FloatArray, k: int) -> bool:
+        """Whether wheels that led on from a keyframe at poses (K, 3) to the next one do so no more at others."""
+        on = self._told[k + 1 - self.first]
+        if on.is_guess or self._keyframes[k + 1].is_break:
+            return False
+        before, now = (
+            on.squared(*(SE2.from_array(pose) for pose in of[k : k + 2]))
+            for of in (poses, moved_poses)
+        )
+        return now > self._config.torn > before
+
+    def on_the_way(self, poses: FloatArray, k: int, run: int) -> SurfaceMatch | None:
+        """Where a keyframe, the first of a run that may have strayed, fits on the way; None where it
+        is near that, or belongs where it is."""
+        keyframes, before, after = self._keyframes, k - 1, k + run
+        # those that come back to the way may fit nothing that the strays saw
+        if any(one.is_break for one in keyframes[k:after]) or keyframes[k].is_place_alone:
+            return None
+        T_now = SE2.from_array(poses[k])
+        T_way = _way(keyframes, poses, k, (before, after), self._told[k - self.first])
+        best, stays = self._matched(poses, (before, k, after), T_way)
+        if best is not None and (
+            run > 1 or self._squared(poses, k, best.T_map_base) < self._squared(poses, k, T_now)
+        ):
+            return best
+        on = self._told[after - self.first]
+        if run > 1 or on.is_guess or keyframes[after].is_break:
+            return None
+        # odometry that jumped on the way to it led it aside, and on from it tells the way back
+        T_back = SE2.from_array(poses[after]) @ on.motion.inverse()
+        best, stays = self._matched(poses, (before, k, after), T_back)
+        if best is None or stays is None:
+            return None
+        has_slid = apart_m(stays.T_map_base, best.T_map_base) < 0.5 * self._config.least_m
+        return best if has_slid or best.cost < stays.cost - self._config.better else None
+
+    def _matched(
+        self, poses: FloatArray, at: tuple[int, int, int], T_way: SE2
+    ) -> tuple[SurfaceMatch | None, SurfaceMatch | None]:
+        """Where a keyframe fits near a pose on the way, at least as well as where it is, if it lies
+        aside of that; and the match from where it is. at: the one before, it, the one after."""
+        before, k, after = at
+        config, points = self._config, self._keyframes[k].faced
+        T_now = SE2.from_array(poses[k])
+        off_m = apart_m(T_way, T_now)
+        if off_m < config.least_m:
+            return None, None
+        self._learn(poses, before, after)
+        starts = [T_way, *self._surfaces.searched(points, T_way, config.reach_m, config.reach_rad)]
+        stays = self._surfaces.match_alone(points, T_now)
+        matches = [stays, *(self._surfaces.match_alone(points, one) for one in starts)]
+        self._surfaces.clear()
+        best = min(
+            (one for one in matches if apart_m(T_way, one.T_map_base) < config.nearer * off_m),
+            key=lambda one: one.cost,
+            default=None,
+        )
+        if best is None or best.cost > stays.cost or best.least_facing < config.least_facing:
+            return None, stays
+        return best, stays
+
+    def _squared(self, poses: FloatArray, k: int, T_map_base: SE2) -> float:
+        """Normalised error squared of the wheels, to a keyframe at a pose and on from it."""
+        T_before, T_after = SE2.from_array(poses[k - 1]), SE2.from_array(poses[k + 1])
+        to, on = self._told[k - self.first], self._told[k + 1 - self.first]
+        return to.squared(T_before, T_map_base) + on.squared(T_map_base, T_after)
+
+    def _learn(self, poses: FloatArray, before: int, after: int) -> None:
+        """The surfaces that those to either side saw, as far as they stand."""
+        config, keyframes = self._config, self._keyframes
+        first, last = max(before - config.half + 1, 0), min(after + config.half, len(keyframes))
+        first = max((k for k in range(first, after) if keyframes[k].is_break), default=first)
+        last = min((k for k in range(after + 1, last) if keyframes[k].is_break), default=last)
+        witnesses = Witnesses(
+            keyframes[first:last], poses[first:last], config.margins, config.aside_m
+        )
+        for k in (*range(first, before + 1), *range(after, last)):
+            standing = keyframes[k].faced[witnesses.stands(k - first)]
+            pose = SE2.from_array(poses[k])
+            self._surfaces.add(moved(pose, self._surfaces.thinned(standing)))
+
+
+def _way(
+    keyframes: Sequence[Keyframe], poses: FloatArray, k: int, ends: tuple[int, int], told: ToldStep
+) -> SE2:
+    """Where a keyframe would be by the wheels, or on an even way between two others."""
+    before, after = ends
+    T_start = SE2.from_array(poses[before])
+    if not told.is_guess:
+        return T_start @ told.motion
+    start_s, end_s = keyframes[before].time_s, keyframes[after].time_s
+    share = 1.0 / (after - before)
+    if end_s > start_s:
+        share = min(max((keyframes[k].time_s - start_s) / (end_s - start_s), 0.0), 1.0)
+    way = (T_start.inverse() @ SE2.from_array(poses[after])).log()
+    return T_start @ SE2.exp(share * way)
+
+
+def apart_m(one: SE2, other: SE2) -> float:
+    """Between two places [m], however the poses are turned."""
+    return math.hypot(other.x - one.x, other.y - one.y)

@@ -1,0 +1,58 @@
+"""Which poses of a scan are believed rather than where the wheels lead."""
+
+import numpy as np
+import pytest
+
+from slam.frontend.candidates import Candidates
+from slam.frontend.front_end_config import FrontEndConfig
+from slam.frontend.prediction import Prediction
+from slam.se2 import SE2
+from slam.surface.surface_map import SurfaceMap, SurfaceMatch
+
+NOWHERE = np.zeros((0, 3))
+
+
+def match(x_m: float, cost: float) -> SurfaceMatch:
+    nothing = np.zeros((3, 3))
+    return SurfaceMatch(SE2(x_m, 0.0, 0.0), nothing, nothing, 1.0, 0.9, cost, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("off_m", "sigma_m", "is_coasting", "is_believed"),
+    [
+        (1.0, 0.1, False, True),  # odometry that jumped a little, or late
+        # aces, a third of its scans lost: 4.4 m on, the other end of a corridor fitted, and was good
+        (3.6, 0.35, False, False),
+        (3.6, 1.6, False, True),  # odometry that may have jumped
+        (3.6, 0.35, True, True),  # nobody measured the way
+        (3.6, 0.1, False, False),
+    ],
+)
+def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
+    monkeypatch, off_m, sigma_m, is_coasting, is_believed
+):
+    candidates = Candidates(SurfaceMap(), [], FrontEndConfig())
+    # where wheels lead the last keyframes deny a scan, at the other place they do not
+    denied = {0.0: (100, 32), off_m: (100, 4)}
+    monkeypatch.setattr(candidates, "denied", lambda pose, *_: denied[pose.x])
+    P = np.eye(3) * sigma_m**2
+    here = SE2.identity()
+    told = Prediction(SE2(off_m, 0.0, 0.0), here, P, np.linalg.inv(P), 1.0, is_coasting)
+    found, led = match(off_m, 0.2), match(0.0, 0.6)
+    beams = None  # nobody asks these
+    assert candidates.is_better(found, led, told, NOWHERE, beams, None) is is_believed
+
+
+@pytest.mark.parametrize(
+    ("usual_m", "sigma_m", "is_believed"), [(1.1, 1.5, True), (0.0, 1.5, False), (1.1, 0.2, False)]
+)
+def test_wheels_that_hardly_know_are_no_better_than_that_the_robot_goes_on(
+    monkeypatch, usual_m, sigma_m, is_believed
+):
+    candidates = Candidates(SurfaceMap(), [], FrontEndConfig())
+    monkeypatch.setattr(candidates, "denied", lambda *_: (100, 4))
+    P, here = np.eye(3) * sigma_m**2, SE2.identity()
+    told = Prediction(here, here, P, np.linalg.inv(P), 1.0, is_coasting=False)
+    found, led = match(1.0, 0.19), match(0.0, 0.2)  # as little better as two places of a corridor
+    usual, beams = SE2(usual_m, 0.0, 0.0), None  # nobody asks these
+    assert candidates.is_better(found, led, told, NOWHERE, beams, usual) is is_believed

@@ -1,0 +1,182 @@
+"""Keyframes off the way are put back where they fit as well; those that belong there stay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.frontend.keyframes import Keyframe
+from slam.frontend.strays import StrayConfig, ToldStep, may_have_strayed, without_strays
+from slam.mapping import Mapper
+from slam.se2 import SE2
+from slam.slam_map import SlamMap
+from tests.slam import ring
+
+AT, BESIDE = 40, SE2(-0.6, 0.0, 0.0)
+SURE, GUESS = np.diag([0.02**2, 0.02**2, 0.02**2]), np.eye(3)
+
+
+def driven() -> Mapper:
+    """Half of the ring, by wheels as good as told."""
+    mapper = Mapper(ring.T_BASE_LASER)
+    rng = np.random.default_rng(0)
+    for measurement in ring.drive(ring.way(0.5), rng, turn_scale=1.0, way_scale=1.0):
+        mapper.update(measurement)
+    return mapper
+
+
+@pytest.fixture(scope="module")
+def slam_map() -> SlamMap:
+    return driven().finish()
+
+
+def told_by(keyframes: tuple[Keyframe, ...], covariance: np.ndarray) -> list[ToldStep]:
+    return [ToldStep(one.T_before, covariance) for one in keyframes]
+
+
+def pushed(slam_map: SlamMap, *strays: int) -> np.ndarray:
+    poses = slam_map.poses.copy()
+    for k in strays:
+        poses[k] = (SE2.from_array(poses[k]) @ BESIDE).as_array()
+    return poses
+
+
+def off_m(poses: np.ndarray, slam_map: SlamMap) -> float:
+    return float(np.hypot(*(poses - slam_map.poses)[:, :2].T).max())
+
+
+@pytest.mark.parametrize("covariance", [SURE, GUESS], ids=["wheels", "scans alone"])
+@pytest.mark.parametrize("strays", [(AT,), (AT, AT + 1)])
+def test_keyframe_that_strayed_is_put_back_on_the_way(slam_map, strays, covariance):
+    told = told_by(slam_map.keyframes, covariance)
+    poses = pushed(slam_map, *strays)
+    keyframes, _, found, put_back = without_strays(slam_map.keyframes, [], poses, told)
+    assert set(put_back) == set(strays)
+    assert off_m(found, slam_map) < 0.05
+    # nearer ones are left, if that is asked for
+    far = StrayConfig(least_m=1.3)
+    assert without_strays(slam_map.keyframes, [], poses, told, far)[3] == []
+    # the steps to it and on from it are measured anew
+    for k in (strays[0], strays[-1] + 1):
+        T_before = SE2.from_array(found[k - 1]).inverse() @ SE2.from_array(found[k])
+        assert keyframes[k].T_before.is_near(T_before, 1e-9, 1e-9)
+
+
+def test_scans_that_come_back_to_the_way_may_have_broken_off(slam_map):
+    torn = list(slam_map.keyframes)
+    torn[AT + 1] = replace(torn[AT + 1], is_break=True, covariance=0.25 * np.eye(3))
+    told = told_by(slam_map.keyframes, SURE)
+    keyframes, _, found, put_back = without_strays(torn, [], pushed(slam_map, AT), told)
+    assert put_back == [AT]
+    # the way over the break is known no better for it
+    assert np.array_equal(keyframes[AT + 1].covariance, torn[AT + 1].covariance)
+    assert np.trace(keyframes[AT].covariance) < 0.01
+    assert off_m(found, slam_map) < 0.05
+    # of one that begins a piece, nobody knows where it should be
+    torn[AT] = replace(torn[AT], is_break=True)
+    assert without_strays(torn, [], pushed(slam_map, AT), told)[3] == []
+
+
+def test_map_without_strays_stays_as_it_is(slam_map):
+    told = told_by(slam_map.keyframes, SURE)
+    keyframes, loops, poses, put_back = without_strays(
+        slam_map.keyframes, slam_map.loops, slam_map.poses, told
+    )
+    assert put_back == []
+    assert keyframes == list(slam_map.keyframes)
+    assert loops == list(slam_map.loops)
+    assert np.array_equal(poses, slam_map.poses)
+
+
+def test_keyframes_of_sessions_before_stay(slam_map):
+    told = told_by(slam_map.keyframes, SURE)[AT + 10 :]
+    assert without_strays(slam_map.keyframes, [], pushed(slam_map, AT), told)[3] == []
+
+
+def test_wheels_that_agree_with_a_keyframe_keep_it_where_it_is(slam_map):
+    # a robot that went back and forth, if its wheels say so
+    poses = pushed(slam_map, AT)
+    told = [
+        ToldStep(SE2.from_array(poses[max(k - 1, 0)]).inverse() @ SE2.from_array(poses[k]), SURE)
+        for k in range(len(poses))
+    ]
+    assert without_strays(slam_map.keyframes, [], poses, told)[3] == []
+
+
+@pytest.mark.parametrize("first", [30, 36])
+def test_keyframe_does_not_come_back_to_the_way_alone_where_wheels_led_on_from_it(slam_map, first):
+    """aces, wheels stuck: all from there on were 1.3 m short, and one of them was put back."""
+    told = told_by(slam_map.keyframes, SURE)
+    told[first] = replace(told[first], covariance=30.0 * GUESS)
+    poses = slam_map.poses.copy()
+    T_first = SE2.from_array(poses[first])
+    T_off = T_first @ SE2(1.3, 0.0, 0.0) @ T_first.inverse()
+    poses[first:] = [(T_off @ SE2.from_array(pose)).as_array() for pose in poses[first:]]
+    assert without_strays(slam_map.keyframes, [], poses, told)[3] == []
+
+
+def test_keyframe_that_odometry_led_aside_by_a_jump_is_put_back_where_the_next_step_begins(
+    slam_map,
+):
+    """aces, noisier: a scan that left the way open stood where odometry had jumped, 1.07 m off."""
+    told = told_by(slam_map.keyframes, SURE)
+    told[AT] = ToldStep(told[AT].motion @ BESIDE, SURE)
+    _, _, found, put_back = without_strays(slam_map.keyframes, [], pushed(slam_map, AT), told)
+    assert put_back == [AT]
+    assert off_m(found, slam_map) < 0.05
+    # nor does what odometry tells after it alone move one that fits where it is
+    told = told_by(slam_map.keyframes, SURE)
+    told[AT + 1] = ToldStep(BESIDE @ told[AT + 1].motion, SURE)
+    assert without_strays(slam_map.keyframes, [], slam_map.poses, told)[3] == []
+
+
+@pytest.mark.parametrize("covariance", [SURE, GUESS], ids=["wheels", "scans alone"])
+def test_keyframes_about_one_aside_of_the_way_may_have_strayed(slam_map, covariance):
+    told, poses = told_by(slam_map.keyframes, covariance), pushed(slam_map, AT)
+    half = StrayConfig.half
+    # the step on from it leads aside as well, if wheels tell it
+    asked = (AT - half - 2, AT - half, AT, AT + half, AT + half + 3)
+    found = [may_have_strayed(slam_map.keyframes, poses, k, told) for k in asked]
+    assert found == [False, True, True, True, False]
+    # as many as are asked for
+    less = StrayConfig(half=2)
+    asked = (AT - 4, AT - 2, AT + 2, AT + 5)
+    found = [may_have_strayed(slam_map.keyframes, poses, k, told, less) for k in asked]
+    assert found == [False, True, True, False]
+    assert not may_have_strayed(slam_map.keyframes, slam_map.poses, AT, told)
+    # nor does the last one, beyond which nothing is known
+    count = AT + 1
+    driven_so_far = slam_map.keyframes[:count], slam_map.poses[:count]
+    assert not may_have_strayed(*driven_so_far, AT, told[:count])
+    # of a session before nothing is told
+    assert not may_have_strayed(slam_map.keyframes, poses, AT, told[AT + 10 :])
+
+
+@pytest.mark.parametrize(("aside_m", "has_strayed"), [(0.15, False), (0.25, True)])
+def test_two_that_strayed_together_where_nothing_measured_the_way_may_have(
+    slam_map, aside_m, has_strayed
+):
+    # each is beside the other: the way between those before and after both tells
+    told, poses = told_by(slam_map.keyframes, GUESS), slam_map.poses.copy()
+    for k in (AT, AT + 1):
+        poses[k] = (SE2.from_array(poses[k]) @ SE2(0.0, aside_m, 0.0)).as_array()
+    # all those whose surfaces are looked at with the pair
+    half = StrayConfig.half
+    asked = range(AT - half, AT + half + 2)
+    found = {may_have_strayed(slam_map.keyframes, poses, k, told) for k in asked}
+    assert found == {has_strayed}
+
+
+def test_scan_that_may_have_strayed_is_kept_in_a_crowd():
+    """none 1537, a ring of corridors with people: 0.54 m off, and no scan to look at once more."""
+    mapper = driven()
+    mapper.config = replace(mapper.config, crowd=0)
+    poses = mapper._graph.poses.copy()
+    poses[AT] = (SE2.from_array(poses[AT]) @ BESIDE).as_array()
+    mapper._graph.set_poses(poses)
+    mapper._thin_crowd(AT)
+    assert not mapper._graph.keyframes[AT].is_place_alone
+    mapper._thin_crowd(AT - 20)
+    assert mapper._graph.keyframes[AT - 20].is_place_alone

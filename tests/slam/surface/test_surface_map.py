@@ -1,0 +1,203 @@
+"""Surfaces have two sides, and corners two walls: what a scan may be matched with, and what not."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slam.frontend.front_end import FrontEnd
+from slam.measurements import Measurement
+from slam.se2 import SE2
+from slam.surface.surface_map import SurfaceMap, faced, moved
+from tests.slam.synthetic import box, room, scan_of
+
+WALL_M = 0.12
+ALONG_M = np.linspace(0.5, 3.5, 151)
+
+
+def wall(x_m: float) -> np.ndarray:
+    return np.column_stack([np.full(len(ALONG_M), x_m), ALONG_M])
+
+
+def seen(points: np.ndarray, seen_from: tuple[float, float]) -> np.ndarray:
+    return faced(points, np.array(seen_from))
+
+
+def match_of(surfaces: SurfaceMap, points: np.ndarray):
+    start = SE2.identity()
+    return surfaces.match(points, start, start, np.eye(3))
+
+
+def test_a_wall_faces_the_laser():
+    assert np.allclose(seen(wall(2.0), (0.0, 2.0))[:, 2] % math.tau, math.pi, atol=1e-6)
+    assert np.allclose(seen(wall(2.0), (4.0, 2.0))[:, 2], 0.0, atol=1e-6)
+
+
+def test_a_lone_point_faces_the_laser():
+    assert seen(np.array([[1.0, 1.0]]), (0.0, 0.0))[0, 2] == pytest.approx(-3 * math.pi / 4)
+
+
+def test_a_wall_that_the_laser_looks_along_tells_nothing():
+    points = seen(wall(2.0), (2.05, 0.0))
+    assert np.isnan(points[:, 2]).all()
+    surfaces = SurfaceMap()
+    surfaces.add(points)
+    assert match_of(surfaces, seen(wall(2.0), (0.0, 2.0))).seen_ratio == 0.0
+
+
+def test_the_two_sides_of_a_wall_are_two_surfaces():
+    surfaces = SurfaceMap()
+    surfaces.add(seen(wall(2.0), (0.0, 2.0)))
+    same = match_of(surfaces, seen(wall(2.0), (0.3, 1.0)))
+    other = match_of(surfaces, seen(wall(2.0 + WALL_M), (4.0, 2.0)))
+    assert same.seen_ratio == 1.0
+    assert same.inlier_ratio == 1.0
+    assert other.seen_ratio == 0.0
+
+
+def test_what_was_added_can_be_taken_out():
+    surfaces, points = SurfaceMap(), seen(wall(2.0), (0.0, 2.0))
+    surfaces.add(points)
+    surfaces.remove(points)
+    assert match_of(surfaces, points).seen_ratio == 0.0
+
+
+def test_points_make_the_same_surfaces_one_by_one_as_together():
+    corner = np.concatenate([wall(2.0), wall(2.0)[:, ::-1]])
+    points = seen(corner + 0.01 * np.random.default_rng(3).normal(size=corner.shape), (0.0, 0.0))
+    points[::17, 2] = math.nan
+    together, one_by_one = SurfaceMap(), SurfaceMap()
+    together.add(points)
+    for k in range(len(points)):
+        one_by_one.add(points[k : k + 1])
+    first, second = match_of(together, points), match_of(one_by_one, points)
+    assert first.inlier_ratio > 0.9
+    np.testing.assert_array_equal(first.information, second.information)
+    # and what is taken out together leaves what was put in apart
+    for surfaces in (together, one_by_one):
+        surfaces.remove(points[:150])
+    first, second = match_of(together, points), match_of(one_by_one, points)
+    assert 0.2 < first.seen_ratio < 0.8
+    np.testing.assert_array_equal(first.information, second.information)
+
+
+def test_a_cleared_map_is_as_a_new_one():
+    surfaces, new = SurfaceMap(), SurfaceMap()
+    for k in range(5):
+        # more than there was memory for, and some of it on the same places of the torus
+        clouds = [
+            moved(SE2(8.0 * k * j, 0.0, 0.3 * j), seen(wall(2.0), (0.0, 2.0))) for j in range(19)
+        ]
+        surfaces.add(np.concatenate(clouds))
+        surfaces.clear()
+        assert match_of(surfaces, clouds[0]).seen_ratio == 0.0
+        assert surfaces.searched(clouds[0], SE2.identity(), 0.6, 0.2) == []
+    grown = surfaces.memory_bytes
+    points = seen(wall(1.5), (0.0, 2.0))
+    surfaces.add(points)
+    new.add(points)
+    assert surfaces.memory_bytes == grown
+    np.testing.assert_array_equal(match_of(surfaces, points).joined, match_of(new, points).joined)
+
+
+def test_faced_points_turn_with_their_frame():
+    turned = moved(SE2(1.0, 0.0, math.pi / 2), np.array([[1.0, 0.0, 0.25]]))
+    assert turned == pytest.approx(np.array([[1.0, 1.0, 0.25 + math.pi / 2]]))
+
+
+@pytest.mark.parametrize("slip", [0.98, 1.0, 1.02])
+def test_a_door_is_passed_without_a_step(slip):
+    # no surface across the way is seen from both rooms: the wall with the door has two sides
+    thick = box(4.0, -0.5, 4.0 + WALL_M, 1.55), box(4.0, 2.45, 4.0 + WALL_M, 4.5)
+    walls = np.concatenate([room(-2.0, -0.5, 10.0, 4.5), *thick])
+    laser, rng = SE2(0.19, 0.0, 0.0), np.random.default_rng(3)
+    front_end = FrontEnd(laser)
+    step = SE2(0.02, 0.0, 0.0)
+    pose = SE2(2.4, 2.0, 0.0)
+    start = pose
+    for index in range(150):
+        scan = scan_of(walls, pose @ laser, rng, 0.02, range_max_m=3.5)
+        told = SE2(0.02 * slip, 0.0, 0.0) if index else SE2.identity()
+        noise = np.diag([0.001, 0.001, 0.001]) ** 2
+        front_end.update(Measurement(0.1 * index, told, scan, noise))
+        pose = pose @ step
+    true = start.inverse() @ (pose @ step.inverse())
+    off = true.inverse() @ front_end.T_map_base
+    # the wheels alone, 2 % wrong, would be 6 cm off, and whatever matches the two sides of the wall 10
+    assert abs(off.x) < 0.03
+    assert abs(off.y) < 0.01
+
+
+def test_a_map_that_rolls_along_takes_no_more_memory_and_forgets():
+    cloud, start = seen(wall(2.0), (0.0, 2.0)), SE2.identity()
+    surfaces = SurfaceMap()
+    for k in range(60):  # 600 m: past the torus of the finest cells, and back to its start
+        there = SE2(10.0 * k, 0.0, 0.1 * k)
+        surfaces.add(moved(there, cloud))
+        if k:
+            surfaces.remove(moved(SE2(10.0 * (k - 1), 0.0, 0.1 * (k - 1)), cloud))
+        assert surfaces.match(cloud, there, there, np.eye(3)).inlier_ratio > 0.9
+    assert surfaces.memory_bytes < 20_000_000
+    surfaces.remove(moved(there, cloud))
+    assert surfaces.match(cloud, there, there, np.eye(3)).seen_ratio == 0.0
+    assert surfaces.searched(cloud, start, 0.6, 0.2) == []
+
+
+def test_more_cells_than_there_was_memory_for_are_all_kept():
+    surfaces = SurfaceMap()
+    clouds = [moved(SE2(5.0 * k, 0.0, 0.0), seen(wall(2.0), (0.0, 2.0))) for k in range(19)]
+    before = surfaces.memory_bytes
+    surfaces.add(np.concatenate(clouds))
+    assert surfaces.memory_bytes > before
+    for cloud in clouds:
+        assert match_of(surfaces, cloud).inlier_ratio > 0.99
+
+
+def test_search_counts_what_each_point_says():
+    rng = np.random.default_rng(0)
+    scan = scan_of(np.concatenate([room(-3.0, -2.0, 4.0, 3.0), box(1.0, 1.0, 2.0, 2.0)]),
+                   SE2.identity(), rng, 0.01)  # fmt: skip
+    points = faced(scan.points(SE2.identity()), np.zeros(2))
+    surfaces = SurfaceMap()
+    surfaces.add(points)
+    off = SE2(0.37, -0.42, 0.17)
+    found = surfaces.searched(moved(off.inverse(), points), SE2.identity(), 0.8, 0.3)
+    assert any(pose.is_near(off, 0.2, 0.04) for pose in found)
+
+
+def test_walls_that_go_on_beyond_what_is_known_tell_next_to_nothing_of_the_way():
+    walls, half_circle = room(-9.0, -1.0, 9.0, 1.0), np.radians(np.arange(-90.0, 90.5, 0.5))
+    facings, off_m = [], []
+    for seed in range(12):
+        rng, surfaces = np.random.default_rng(seed), SurfaceMap()
+
+        def seen_at(x_m: float, rng: np.random.Generator = rng) -> np.ndarray:
+            scan = scan_of(walls, SE2(x_m, 0.0, 0.0), rng, 0.01, half_circle, range_max_m=4.0)
+            return faced(scan.points(SE2.identity()), np.zeros(2))
+
+        for x_m in (0.0, -0.3, -0.6):
+            surfaces.add(moved(SE2(x_m, 0.0, 0.0), seen_at(x_m)))
+        there = SE2(-0.75, 0.0, 0.0)
+        match = surfaces.match(seen_at(-0.75), there, there, np.diag([1e3, 1e4, 1e6]))
+        facings.append(match.least_facing)
+        off_m.append((there.inverse() @ match.T_map_base).x)
+        assert np.linalg.eigvalsh(match.information).min() > 0.0
+    # with what noise makes of it: 0.0007, and 12 mm back
+    assert np.median(facings) < 3e-4
+    assert abs(np.mean(off_m)) < 0.006
+
+
+def test_match_along_a_wall_is_loosened_along_it_and_stays_where_it_is():
+    surfaces, points = SurfaceMap(), seen(wall(2.0), (0.0, 2.0))
+    surfaces.add(points)
+    start = SE2.identity()
+    match = surfaces.match(points, start, start, 1e4 * np.eye(3))
+    loose = match.loosened_along_open(0.8)
+    assert loose.T_map_base == match.T_map_base
+    before, after = match.covariance, loose.covariance
+    # the wall runs along y
+    assert after[1, 1] - before[1, 1] == pytest.approx(0.8**2, rel=1e-3)
+    assert after[0, 0] == pytest.approx(before[0, 0], rel=0.1)
+    # nothing is known of a direction to begin with
+    nothing = surfaces.match(points[:0], start, start, 1e4 * np.eye(3))
+    assert nothing.loosened_along_open(0.8) is nothing
