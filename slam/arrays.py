@@ -30,6 +30,14 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
     return array
 
 
+def read_only(array: FloatArray) -> FloatArray:
+    """The same values, not to be written through: compiled code is made once more for arrays that may be,
+    and a scan of the robot would wait for that."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def checked_points(points: ArrayLike, name: str) -> FloatArray:
     """The points as float64 (N, 2), not copied when they are so already.
 

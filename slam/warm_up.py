@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slam.frontend.witnesses import Witnesses
 from slam.loop_closing import LoopConfig
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
@@ -44,6 +45,10 @@ def warm_up(*, is_continued: bool = False) -> None:
         mapper.update(measurement)
     slam_map = mapper.finish()
     _ = slam_map.surfaces
+    # as finishing asks of scans that others saw through
+    denial = config.front_end.denial
+    witnesses = Witnesses(slam_map.keyframes, slam_map.poses, denial.margins, denial.aside_m)
+    witnesses.passed(0, 1)
     if is_continued:
         later = Mapper.continued(slam_map, SE2.identity(), None, config)
         for measurement in measurements:

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, read_only
 from slam.beams import Beams
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
@@ -114,7 +114,7 @@ class SeenBefore:
 
     def _surely_m(self, beams: Beams) -> FloatArray:
         """(B,) ranges; of beams that came back from nowhere, up to where something would have been seen [m]."""
-        return np.where(np.isposinf(beams.ranges_m), self._sure_m, beams.ranges_m)
+        return read_only(np.where(np.isposinf(beams.ranges_m), self._sure_m, beams.ranges_m))
 
     @cached_property
     def _sure_m(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, read_only
 from slam.beams import Beams
 from slam.frontend.strays import apart_m
 from slam.kernels.beam_points import same_into
@@ -37,7 +37,7 @@ class StillScans:
         if count == 0 or self._ranges_m.shape[1] != len(beams):
             return None
         shares = np.empty(count)
-        same_into(self._ranges_m[:count], beams.ranges_m, *BEAM_NOISE, shares)
+        same_into(read_only(self._ranges_m[:count]), beams.ranges_m, *BEAM_NOISE, shares)
         if shares.max() < _SAME:
             return None
         is_near = np.array([apart_m(place, T_last) <= _LONG_M for place in self._places])
