@@ -68,7 +68,10 @@ def draw(run: "Run") -> None:
     from experiments.figures import run_figures
     from experiments.tables import wide_console
 
-    with wide_console().status("drawing figures"):
+    console, words = wide_console(), "drawing figures, for which a few trials are done again"
+    if not console.is_terminal:
+        console.print(words)
+    with console.status(words):
         _draw_trials(run)
         run_figures(run.folder)
 

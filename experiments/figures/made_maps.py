@@ -140,7 +140,9 @@ def _draw_made(axis: Axes, result: MappingResult, name: str, title: str) -> None
     _draw_walls(axis, result)
     is_wrong = true_map(result.config).is_wrong(outcome.points_m)
     style: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2.0, "mew": 0.0, "rasterized": True}
-    axis.plot(*outcome.points_m[~is_wrong].T, color=_MAP, label="map, on a surface", **style)
+    axis.plot(
+        *outcome.points_m[~is_wrong].T, color=_MAP, label="map, within 5 cm of a surface", **style
+    )
     axis.plot(
         *outcome.points_m[is_wrong].T, color=_WRONG,
         label=f"map, {100 * NEAR_M:.0f} cm and more off", **style | {"ms": 2.0 if is_wrong.sum() > _MANY else 6.0},
