@@ -29,6 +29,7 @@ from slam.map_checks.map_drift import too_far_adrift
 from slam.map_checks.moved_things import moved_things
 from slam.map_checks.open_ways import unknown_ways
 from slam.map_checks.scan_places import unknown_places
+from slam.map_checks.shown_jumps import shown_jumps
 from slam.map_checks.stray_scans import with_scans_put_back
 from slam.map_checks.there_and_back import put_strays_back
 from slam.map_checks.weak_steps import WeakSteps
@@ -170,6 +171,7 @@ class Mapper:
         own = self._steps[self._session.first_step :]
         said += self._jumps.objections(own, self.config.is_odometry_doubted)
         said = said or unknown_ways(slam_map, self._front_end, self._monitor.noise_ratio)
+        said = said or shown_jumps(slam_map.keyframes, slam_map.poses, self._front_end.told_steps)
         said = said or moved_things(slam_map, self.config.front_end)
         if not said:  # what the map itself is failed for, a later session may mend, and this not
             said = unknown_places(

@@ -123,11 +123,21 @@ def shown_noise(
     first = len(keyframes) - len(told)
     squared = [
         told[k - first].squared(*(SE2.from_array(pose) for pose in poses[k - 1 : k + 1]))
+        for k in showing(keyframes, told)
+    ]
+    return max(least, float(np.median(squared)) / MEDIAN_NIS) if len(squared) >= _LEAST else None
+
+
+def showing(keyframes: Sequence[Keyframe], told: Sequence[ToldStep]) -> list[int]:
+    """The keyframes of whose step scans are sure, so that it shows what wheels are like; told: of the last keyframes,
+    the step to each."""
+    first = len(keyframes) - len(told)
+    return [
+        k
         for k in range(first + 1, len(keyframes))
         if place_sigma_m(keyframes[k].covariance) < _SURE_M and not keyframes[k].is_break
         if not told[k - first].is_guess
     ]
-    return max(least, float(np.median(squared)) / MEDIAN_NIS) if len(squared) >= _LEAST else None
 
 
 def _loose(keyframes: Sequence[Keyframe], first: int) -> Iterator[tuple[int, int]]:
