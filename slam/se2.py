@@ -48,9 +48,8 @@ class SE2:
     def __init__(self, x: float, y: float, theta: float) -> None:
         # float() also turns NumPy scalars into plain floats, so that records print and dump well. The
         # generated way, with __post_init__, sets each field twice: mapping makes 20 poses for each scan.
-        fields, theta = self.__dict__, float(theta)
-        fields["x"], fields["y"] = float(x), float(y)
-        fields["theta"] = theta if -math.pi < theta <= math.pi else wrap_angle(theta)
+        fields = self.__dict__
+        fields["x"], fields["y"], fields["theta"] = float(x), float(y), wrap_angle(float(theta))
 
     @overload
     def __matmul__(self, other: SE2) -> SE2: ...

@@ -6,7 +6,6 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from statistics import fmean
 
 import numpy as np
@@ -48,15 +47,15 @@ class _Step:
     elapsed_s: float
     motion: SE2
 
-    @cached_property
+    @property
     def way_m(self) -> float:
         return math.hypot(self.motion.x, self.motion.y)
 
-    @cached_property
+    @property
     def speed_mps(self) -> float:
         return self.way_m / self.elapsed_s
 
-    @cached_property
+    @property
     def back_m(self) -> float:
         """How far back it led, as seen from its beginning and from its end: who turned round within it and
         drove on, or the other way, did not go back."""
