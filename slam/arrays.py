@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +38,12 @@ def read_only(array: FloatArray) -> FloatArray:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+@lru_cache(maxsize=64)
+def diagonal_of(sigma: tuple[float, ...]) -> FloatArray:
+    """(N, N) covariance of N standard deviations that have nothing to do with each other, read-only."""
+    return read_only(np.diag(np.square(sigma)))
 
 
 def checked_points(points: ArrayLike, name: str) -> FloatArray:

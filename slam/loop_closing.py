@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.contradictions import passed
 from slam.frontend.keyframes import Keyframe
 from slam.se2 import SE2, wrap_angle
-from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, all_moved
 
 _NONE: Set[int] = frozenset()
 _SLIDE = 1.5
@@ -177,11 +177,12 @@ class LoopCloser:
         shows where the later one lies; as seen from the earlier one, nobody knows that any better.
         """
         members = self._around(keyframes, earlier, later, self.doubted)
-        thinned = self._surfaces.thinned
-        submap = np.concatenate(
-            [moved(SE2.from_array(poses[k]), thinned(keyframes[k].faced)) for k in members]
+        self._surfaces.add(
+            all_moved(
+                poses[members.start : members.stop],
+                [self._surfaces.thinned(keyframes[k].faced) for k in members],
+            )
         )
-        self._surfaces.add(submap)
         T_told, reach = SE2.from_array(poses[later]), self._reach(sigma)
         match = self._matched(keyframes[later], T_told, reach)
         self._surfaces.clear()
@@ -198,7 +199,7 @@ class LoopCloser:
         if passed_ratio > config.most_passed:
             return None
         T_earlier_later = SE2.from_array(poses[earlier]).inverse() @ match.T_map_base
-        covariance = np.linalg.inv(match.information) + np.diag(np.square(config.sigma))
+        covariance = np.linalg.inv(match.information) + diagonal_of(config.sigma)
         if loose_m > 0.0:
             covariance[:2, :2] += _along_open(keyframes[earlier], T_earlier_later, loose_m)
         return Loop(

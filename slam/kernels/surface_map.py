@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import BoolArray, FloatArray
+from slam.arrays import FloatArray
 from slam.kernels import compiled
 
 SIDE = 1024
@@ -20,6 +20,10 @@ SIDES = 8
 """Directions that surfaces face, an eighth of a turn apart: each point counts for the two nearest,
 so that the two sides of a wall, and the two walls of a corner, share none. With four, a door post
 that was seen from two sides made one slanting surface: 0.1 m at each door."""
+NONE = 0
+"""In the place of an entry: no cell is kept there. Memory that nobody wrote to is all zeros, and costs
+nothing until somebody does: of the index, most never is."""
+_ALL_SIDES = np.uint8(2**SIDES - 1)
 _LEAST_POINTS = 4.0
 """Chosen: fewer points make no surface; three lie on a line by chance."""
 _LEAST_LENGTH = 0.15
@@ -47,11 +51,11 @@ def sides_of(facing: float) -> tuple[int, int]:
 def entry_of(
     index: NDArray[np.int32], cells: NDArray[np.int32], level: int, column: int, row: int
 ) -> int:
-    """Where a cell of a level is kept, -1 where no point is in it or beside it."""
+    """Where a cell of a level is kept, NONE where no point is in it or beside it."""
     entry = index[level, column & _MASK, row & _MASK]
-    if entry >= 0 and cells[entry, 0] == column and cells[entry, 1] == row:
+    if entry != NONE and cells[entry, 0] == column and cells[entry, 1] == row:
         return int(entry)
-    return -1
+    return NONE
 
 
 @compiled
@@ -62,7 +66,7 @@ def put(
     levels: NDArray[np.int8],
     free: NDArray[np.int32],
     sums: NDArray[np.float32],
-    is_due: BoolArray,
+    due: NDArray[np.uint8],
     points: FloatArray,
     first: int,
     sign: int,
@@ -72,10 +76,10 @@ def put(
     """Adds points (N, 3) [m, m, rad], map frame, from the first on, to the cells that they lie in;
     sign -1 takes them out. The number of the point at which entries ran out, N when all are done.
 
-    index: (SIDE, SIDE) entries of cells with a point in them or beside them, -1 of others. cells:
+    index: (SIDE, SIDE) entries of cells with a point in them or beside them, NONE of others. cells:
     (E, 2) of the plane that entries stand for; uses: (E,) by points; levels: (E,); free: (E + 1,) entries that
     nothing uses, their count at the end. sums: (E, SIDES, 6) count, x, y, xx, xy, yy from the cell's
-    middle. is_due: (E, SIDES) whose surfel has to be made anew.
+    middle. due: (E,) a bit for each of the SIDES whose surfel has to be made anew.
     """
     entries = np.empty((3, 3), np.int64)
     i = first
@@ -90,19 +94,21 @@ def put(
             for v in range(3):
                 beside, above = column + u - 1, row + v - 1
                 entry = index[beside & _MASK, above & _MASK]
-                if entry < 0 or cells[entry, 0] != beside or cells[entry, 1] != above:
+                if entry == NONE or cells[entry, 0] != beside or cells[entry, 1] != above:
                     if sign < 0:
-                        entries[u, v] = -1  # another cell of the plane has taken the place since
+                        entries[u, v] = NONE  # another cell of the plane has taken the place since
                         continue
-                    if entry < 0:
+                    if entry == NONE:
                         free[-1] -= 1
                         entry = free[free[-1]]
                         index[beside & _MASK, above & _MASK] = entry
                     cells[entry, 0], cells[entry, 1] = beside, above
-                    uses[entry], sums[entry], is_due[entry] = 0, 0.0, True
-                    levels[entry] = level
+                    uses[entry], due[entry], levels[entry] = 0, _ALL_SIDES, level
+                    for side in range(SIDES):
+                        for j in range(6):
+                            sums[entry, side, j] = 0.0
                 entries[u, v] = entry
-        middle, count, asked = entries[1, 1], 0, 0
+        middle, count, asked = entries[1, 1], 0, np.uint8(0)
         middle_x, middle_y = (column + 0.5) * cell_m, (row + 0.5) * cell_m
         # neighbours in a scan share a cell, most of the time: what is done for cells is done once
         while i < points.shape[0]:
@@ -117,8 +123,8 @@ def put(
             sides = sides_of(points[i, 2])
             x, y = points[i, 0] - middle_x, points[i, 1] - middle_y
             for side in sides:
-                asked |= 1 << side
-                if middle >= 0:
+                asked |= np.uint8(1 << side)
+                if middle != NONE:
                     sums[middle, side, 0] += sign
                     sums[middle, side, 1] += sign * x
                     sums[middle, side, 2] += sign * y
@@ -130,14 +136,12 @@ def put(
         for u in range(3):
             for v in range(3):
                 entry = entries[u, v]
-                if entry < 0:
+                if entry == NONE:
                     continue
                 uses[entry] += sign * count
-                for side in range(SIDES):
-                    if asked >> side & 1:
-                        is_due[entry, side] = True
+                due[entry] |= asked
                 if uses[entry] <= 0:
-                    index[(column + u - 1) & _MASK, (row + v - 1) & _MASK] = -1
+                    index[(column + u - 1) & _MASK, (row + v - 1) & _MASK] = NONE
                     free[free[-1]] = entry
                     free[-1] += 1
     result: int = points.shape[0]
@@ -154,12 +158,12 @@ def clear(
 ) -> None:
     """Takes out all points of all levels: index (L, SIDE, SIDE)."""
     count = uses.shape[0]
-    for entry in range(count):
+    for entry in range(1, count):
         if uses[entry] > 0:
-            index[levels[entry], cells[entry, 0] & _MASK, cells[entry, 1] & _MASK] = -1
+            index[levels[entry], cells[entry, 0] & _MASK, cells[entry, 1] & _MASK] = NONE
             uses[entry] = 0
-        free[entry] = count - 1 - entry
-    free[count] = count
+        free[count - 1 - entry] = entry
+    free[count] = count - 1
 
 
 @compiled
@@ -180,7 +184,7 @@ def make_surfel(
     for u in range(-1, 2):
         for v in range(-1, 2):
             entry = entry_of(index, cells, level, column + u, row + v)
-            if entry < 0:
+            if entry == NONE:
                 continue
             held = sums[entry, side]
             if held[0] < 0.5:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import BoolArray, FloatArray
+from slam.arrays import FloatArray
 from slam.kernels import compiled
 from slam.kernels.normal_equations import (
     LEAST_PIVOT,
@@ -20,6 +20,7 @@ from slam.kernels.surface_map import (
     DIRECTION_VARIANCE,
     LEVER,
     MIDDLE,
+    NONE,
     NORMAL_X,
     NORMAL_Y,
     OFFSET,
@@ -50,7 +51,7 @@ def align(
     index: NDArray[np.int32],
     cells: NDArray[np.int32],
     sums: NDArray[np.float32],
-    is_due: BoolArray,
+    due: NDArray[np.uint8],
     surfels: FloatArray,
     cells_m: FloatArray,
     points: FloatArray,
@@ -98,21 +99,21 @@ def align(
                 x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
                 level = finest[stage]
                 near, far = sides_of(points[i, 2] + pose[2])
-                entry = side = -1
+                entry, side = NONE, 0
                 while level >= 0:
                     cell_m = cells_m[level]
                     column, row = math.floor(x / cell_m), math.floor(y / cell_m)
                     entry = entry_of(index, cells, level, column, row)
-                    if entry >= 0:
+                    if entry != NONE:
                         side = near
                         # of one call each, in a loop: several would not be inlined
                         for _ in range(2):
-                            if is_due[entry, side]:
+                            if due[entry] >> side & 1:
                                 make_surfel(
                                     index, cells, sums, level, column, row, side, cell_m,
                                     surfels[entry, side],
                                 )  # fmt: skip
-                                is_due[entry, side] = False
+                                due[entry] &= ~np.uint8(1 << side)
                             if surfels[entry, side, COUNT] > 0.0 or side == far:
                                 break
                             side = far
@@ -233,48 +234,53 @@ def count_on_walls(
     level: int,
     cell_m: float,
     points: FloatArray,
-    x: FloatArray,
-    y: FloatArray,
+    least_x: float,
+    least_y: float,
     headings: FloatArray,
     counts: NDArray[np.int32],
 ) -> None:
     """Into counts (H, X, Y): how many points (N, 3), base frame, fall into cells that have some.
 
-    x: (X,), y: (Y,) [m], headings: (H,) [rad] of the poses looked at.
+    Of poses half a cell apart from least_x, least_y on [m], and at headings (H,) [rad].
     """
+    half_m = 0.5 * cell_m
     reach_m = 0.0
     for i in range(points.shape[0]):
         reach_m = max(reach_m, math.hypot(points[i, 0], points[i, 1]))
-    first_column = math.floor((x[0] - reach_m) / cell_m) - 1
-    first_row = math.floor((y[0] - reach_m) / cell_m) - 1
-    columns = math.floor((x[-1] + reach_m) / cell_m) + 2 - first_column
-    rows = math.floor((y[-1] + reach_m) / cell_m) + 2 - first_row
-    # a bit for each side that has points: looked up many times
-    held = np.zeros((columns, rows), np.uint8)
+    first_column = math.floor((least_x - reach_m) / cell_m) - 1
+    first_row = math.floor((least_y - reach_m) / cell_m) - 1
+    most_x, most_y = least_x + counts.shape[1] * half_m, least_y + counts.shape[2] * half_m
+    columns = math.floor((most_x + reach_m) / cell_m) + 2 - first_column
+    rows = math.floor((most_y + reach_m) / cell_m) + 2 - first_row
+    # a bit for each side that has points, of half cells: from pose to pose a point moves by one, and
+    # what lies in a row is looked up many at a time
+    held = np.zeros((2 * columns, 2 * rows), np.uint8)
     for a in range(columns):
         for b in range(rows):
             entry = entry_of(index, cells, level, first_column + a, first_row + b)
-            if entry >= 0:
+            if entry != NONE:
+                sides = np.uint8(0)
                 for side in range(SIDES):
                     if sums[entry, side, 0] > 0.5:
-                        held[a, b] |= np.uint8(1 << side)
-    turned, asked = np.empty((points.shape[0], 2)), np.empty(points.shape[0], np.uint8)
+                        sides |= np.uint8(1 << side)
+                for u in range(2):
+                    for v in range(2):
+                        held[2 * a + u, 2 * b + v] = sides
     for k in range(headings.shape[0]):
         c, s = math.cos(headings[k]), math.sin(headings[k])
-        told = 0
+        for u in range(counts.shape[1]):
+            for v in range(counts.shape[2]):
+                counts[k, u, v] = 0
         for i in range(points.shape[0]):
             if math.isnan(points[i, 2]):
                 continue
             px, py = points[i, 0], points[i, 1]
-            turned[told, 0], turned[told, 1] = c * px - s * py, s * px + c * py
+            # unsigned, lest each look up asks whether it counts from the end
+            column = np.uint64(math.floor((least_x + c * px - s * py) / half_m) - 2 * first_column)
+            row = np.uint64(math.floor((least_y + s * px + c * py) / half_m) - 2 * first_row)
             near, far = sides_of(points[i, 2] + headings[k])
-            asked[told] = np.uint8((1 << near) | (1 << far))
-            told += 1
-        for u in range(x.shape[0]):
-            for v in range(y.shape[0]):
-                count = 0
-                for i in range(told):
-                    column = math.floor((x[u] + turned[i, 0]) / cell_m) - first_column
-                    row = math.floor((y[v] + turned[i, 1]) / cell_m) - first_row
-                    count += (held[column, row] & asked[i]) != 0
-                counts[k, u, v] = count
+            asked = np.uint8((1 << near) | (1 << far))
+            for u in range(counts.shape[1]):
+                seen = held[column + np.uint64(u)]
+                for v in range(counts.shape[2]):
+                    counts[k, u, v] += (seen[row + np.uint64(v)] & asked) != 0

@@ -8,12 +8,14 @@ lost at each door of 12 cm thick walls.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import BoolArray, FloatArray
+from slam.arrays import FloatArray
 from slam.kernels import surface_map as kernels
 from slam.kernels import surface_matching as matching
 from slam.kernels.facings import facings_into, moved_into
@@ -52,6 +54,15 @@ def moved(T: SE2, points: FloatArray) -> FloatArray:
     """(N, 3) faced points in another frame."""
     out = np.empty(points.shape)
     moved_into(points, T.x, T.y, T.theta, out)
+    return out
+
+
+def all_moved(poses: FloatArray, scans: Sequence[FloatArray]) -> FloatArray:
+    """(N, 3) the faced points of scans at poses (K, 3), one after the other."""
+    out, end = np.empty((sum(map(len, scans)), 3)), 0
+    for (x, y, theta), points in zip(poses.tolist(), scans, strict=True):
+        begin, end = end, end + len(points)
+        moved_into(points, x, y, theta, out[begin:end])
     return out
 
 
@@ -117,7 +128,7 @@ class SurfaceMatch:
         left: FloatArray = known[:2, :2] - np.outer(known[:2, 2], known[:2, 2]) / known[2, 2]
         return left
 
-    @property
+    @cached_property
     def least_facing(self) -> float:
         """Share of what the scan tells of its place, along the direction of which it tells least;
         half, where surfaces face every way; none, between two walls that run along."""
@@ -185,23 +196,23 @@ class SurfaceMap:
     def __init__(self, config: SurfaceMapConfig | None = None) -> None:
         self.config = config or SurfaceMapConfig()
         levels, side = len(self.config.cells_m), kernels.SIDE
-        self._index: NDArray[np.int32] = np.full((levels, side, side), -1, np.int32)
+        self._index: NDArray[np.int32] = np.zeros((levels, side, side), np.int32)
         count = _FIRST_ENTRIES
         self._cells: NDArray[np.int32] = np.zeros((count, 2), np.int32)
         self._uses: NDArray[np.int32] = np.zeros(count, np.int32)
         self._levels: NDArray[np.int8] = np.zeros(count, np.int8)
         self._sums: NDArray[np.float32] = np.zeros((count, kernels.SIDES, 6), np.float32)
-        self._is_due: BoolArray = np.zeros((count, kernels.SIDES), np.bool_)
+        self._due: NDArray[np.uint8] = np.zeros(count, np.uint8)
         self._surfels: FloatArray = np.zeros((count, kernels.SIDES, kernels.SURFEL))
         # the lowest are the next
-        self._free = np.array([*range(count - 1, -1, -1), count], np.int32)
+        self._free = np.array([*range(count - 1, 0, -1), kernels.NONE, count - 1], np.int32)
         self._cells_m = np.array(self.config.cells_m)
         self._stages = np.array(self.config.finest), np.array(self.config.scales_m)
 
     @property
     def memory_bytes(self) -> int:
         """What the cells take."""
-        arrays = (self._index, self._cells, self._uses, self._levels, self._sums, self._is_due)
+        arrays = (self._index, self._cells, self._uses, self._levels, self._sums, self._due)
         return sum(array.nbytes for array in (*arrays, self._surfels, self._free))
 
     def add(self, points_map: FloatArray) -> None:
@@ -236,7 +247,7 @@ class SurfaceMap:
         pose, information, stats = T_start.as_array(), np.zeros((3, 3)), np.zeros(5)
         held = odometry + _STAYS
         matching.align(
-            self._index, self._cells, self._sums, self._is_due, self._surfels, self._cells_m, points,
+            self._index, self._cells, self._sums, self._due, self._surfels, self._cells_m, points,
             config.sigma_m**2, pull, *self._stages,
             T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
             stats,
@@ -278,9 +289,9 @@ class SurfaceMap:
         turns = np.radians(2.0) * np.arange(
             -math.ceil(reach_rad / np.radians(2.0)), math.ceil(reach_rad / np.radians(2.0)) + 1
         )
-        counts = np.zeros((len(turns), len(x), len(y)), np.int32)
+        counts = np.empty((len(turns), len(x), len(y)), np.int32)
         matching.count_on_walls(
-            self._index, self._cells, self._sums, level, cell_m, points, x, y,
+            self._index, self._cells, self._sums, level, cell_m, points, float(x[0]), float(y[0]),
             T_middle.theta + turns, counts,
         )  # fmt: skip
         found = []
@@ -296,7 +307,8 @@ class SurfaceMap:
     def thinned(self, points: FloatArray, most: int | None = None) -> FloatArray:
         """At most so many of points (N, ...), evenly in their order."""
         most = self.config.max_points if most is None else most
-        return np.ascontiguousarray(points[:: max(1, -(-len(points) // most))])
+        every = -(-len(points) // most)
+        return np.ascontiguousarray(points[::every] if every > 1 else points)
 
     def _put(self, points: FloatArray, sign: int) -> None:
         for level, cell_m in enumerate(self.config.cells_m):
@@ -304,7 +316,7 @@ class SurfaceMap:
             while True:
                 done = kernels.put(
                     self._index[level], self._cells, self._uses, self._levels, self._free,
-                    self._sums, self._is_due, points, done, sign, level, cell_m,
+                    self._sums, self._due, points, done, sign, level, cell_m,
                 )  # fmt: skip
                 if done == len(points):
                     break
@@ -314,7 +326,7 @@ class SurfaceMap:
         """Twice as many entries."""
         count, free = len(self._cells), int(self._free[-1])
         self._cells, self._uses = _doubled(self._cells), _doubled(self._uses)
-        self._sums, self._is_due = _doubled(self._sums), _doubled(self._is_due)
+        self._sums, self._due = _doubled(self._sums), _doubled(self._due)
         self._levels, self._surfels = _doubled(self._levels), _doubled(self._surfels)
         added = np.arange(2 * count - 1, count - 1, -1)
         left, rest = self._free[:free], np.zeros(count - free)

@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from experiments.memory import resident_mb
 from slam.frontend.front_end import FrontEnd
+from slam.kernels.surface_matching import count_on_walls
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, faced, moved
+from slam.surface.surface_map import SurfaceMap, all_moved, faced, moved
 from tests.slam.synthetic import box, room, scan_of
 
 WALL_M = 0.12
@@ -201,3 +203,54 @@ def test_match_along_a_wall_is_loosened_along_it_and_stays_where_it_is():
     # nothing is known of a direction to begin with
     nothing = surfaces.match(points[:0], start, start, 1e4 * np.eye(3))
     assert nothing.loosened_along_open(0.8) is nothing
+
+
+def sides_of(facing_rad: float) -> set[int]:
+    """The two eighths of a turn nearest to a direction, the slow way."""
+    off = [abs(math.remainder(facing_rad - math.tau * k / 8, math.tau)) for k in range(8)]
+    return set(np.argsort(off)[:2].tolist())
+
+
+def test_points_are_counted_on_walls_as_one_by_one():
+    rng, level, cell_m = np.random.default_rng(5), 1, 0.4
+    walls = np.column_stack([rng.uniform(-3.0, 3.0, (60, 2)), rng.uniform(-4.0, 4.0, 60)])
+    points = np.column_stack([rng.uniform(-2.0, 2.0, (25, 2)), rng.uniform(-4.0, 4.0, 25)])
+    points[3, 2] = math.nan
+    surfaces = SurfaceMap()
+    surfaces.add(walls)
+    held: dict[tuple[int, int], set[int]] = {}
+    for x, y, facing_rad in walls:
+        cell = math.floor(x / cell_m), math.floor(y / cell_m)
+        held.setdefault(cell, set()).update(sides_of(facing_rad))
+    headings, counts = np.array([-0.3, 0.0, 1.1]), np.full((3, 7, 5), -1, np.int32)
+    least = -0.613, -0.377
+    count_on_walls(
+        surfaces._index, surfaces._cells, surfaces._sums, level, cell_m, points, *least, headings,
+        counts,
+    )  # fmt: skip
+    for (k, u, v), count in np.ndenumerate(counts):
+        pose = SE2(least[0] + u * cell_m / 2, least[1] + v * cell_m / 2, headings[k])
+        told = moved(pose, points[~np.isnan(points[:, 2])])
+        assert count == sum(
+            not held.get((math.floor(x / cell_m), math.floor(y / cell_m)), set()).isdisjoint(
+                sides_of(facing_rad)
+            )
+            for x, y, facing_rad in told
+        )
+    assert counts.max() > 5
+
+
+def test_scans_are_moved_all_at_once_as_each():
+    scans = [seen(wall(2.0), (0.0, 2.0)), np.empty((0, 3)), seen(wall(1.0), (3.0, 1.0))[:9]]
+    poses = np.array([[0.3, -1.0, 3.0], [0.0, 0.0, 0.0], [-2.0, 0.5, -0.7]])
+    each = [moved(SE2.from_array(pose), scan) for pose, scan in zip(poses, scans, strict=True)]
+    assert (all_moved(poses, scans) == np.concatenate(each)).all()
+
+
+def test_a_map_takes_no_memory_until_something_is_in_it():
+    # people are asked for with a map of their own, at one scan of a hundred
+    before_mb = resident_mb()
+    if before_mb is None:
+        pytest.skip("nothing tells the memory of a process here")
+    maps = [SurfaceMap() for _ in range(20)]
+    assert resident_mb() - before_mb < 60.0, f"{len(maps)} empty maps"
