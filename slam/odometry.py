@@ -106,7 +106,8 @@ def compose_covariance(
 def place_sigma_m(covariance: FloatArray) -> float:
     """Standard deviation [m] of a pose's place, by its covariance (3, 3), in the direction in which it is
     known least."""
-    return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    (xx, xy, _), (_, yy, _), _ = covariance.tolist()
+    return math.sqrt((xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy))
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,10 @@ class SE2:
     def __init__(self, x: float, y: float, theta: float) -> None:
         # float() also turns NumPy scalars into plain floats, so that records print and dump well. The
         # generated way, with __post_init__, sets each field twice: mapping makes 20 poses for each scan.
-        fields = self.__dict__
-        fields["x"], fields["y"], fields["theta"] = float(x), float(y), wrap_angle(float(theta))
+        fields, theta = self.__dict__, float(theta)
+        if not -math.pi < theta <= math.pi:
+            theta = wrap_angle(theta)
+        fields["x"], fields["y"], fields["theta"] = float(x), float(y), theta
 
     @overload
     def __matmul__(self, other: SE2) -> SE2: ...
@@ -132,4 +134,5 @@ def _vector3(vector: ArrayLike, name: str) -> tuple[float, float, float]:
     array = np.asarray(vector, dtype=np.float64)
     if array.shape != (3,):
         raise ValueError(f"{name} must have shape (3,), not {array.shape}")
-    return float(array[0]), float(array[1]), float(array[2])
+    x, y, z = array.tolist()
+    return x, y, z

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.known_map import KnownMap, laser_seen
 from slam.laser_model import LaserModel
@@ -168,8 +168,7 @@ def add_step(
     step_sigma: tuple[float, float, float] = STEP_SIGMA,
 ) -> None:
     """Adds the way from the keyframe before."""
-    own = np.diag(np.square(step_sigma))
-    information = np.linalg.inv(keyframe.covariance + own)
+    information = np.linalg.inv(keyframe.covariance + diagonal_of(step_sigma))
     graph.add_edge(index - 1, index, keyframe.T_before, information)
 
 

@@ -99,10 +99,9 @@ class KeyframeGraph:
     def is_crowded(self, index: int, near: tuple[float, float], most: int) -> bool:
         """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
         off = self.poses - self.pose(index).as_array()
-        is_near = np.hypot(off[:, 0], off[:, 1]) < near[0]
-        is_near &= np.abs(wrap_angle(off[:, 2])) < near[1]
-        has_scan = (not self.keyframes[k].is_place_alone for k in np.flatnonzero(is_near))
-        return sum(has_scan) > most
+        beside = np.flatnonzero(np.hypot(off[:, 0], off[:, 1]) < near[0])
+        alike = beside[np.abs(wrap_angle(off[beside, 2])) < near[1]]
+        return sum(not self.keyframes[k].is_place_alone for k in alike.tolist()) > most
 
     def take(self, loops: Sequence[Loop]) -> None:
         """More loops."""

@@ -53,7 +53,7 @@ class Keyframe:
         """(N, 3) the points, and where their surfaces face: see `slam.surface.surface_map`."""
         return faced(self.points, self.beams.middle_m)
 
-    @property
+    @cached_property
     def is_place_alone(self) -> bool:
         """Whether only its place is kept: others saw what it saw."""
         return len(self.beams) == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from slam.arrays import FloatArray
 from slam.frontend.front_end_config import GUESS_M
@@ -39,7 +40,7 @@ class Prediction:
     other: SE2 | None = None
     are_people: bool = False
 
-    @property
+    @cached_property
     def is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""
         P = self.covariance

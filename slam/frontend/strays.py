@@ -13,7 +13,7 @@ from functools import reduce
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.witnesses import Witnesses
@@ -91,7 +91,7 @@ class ToldStep:
 
 def told_step(measurement: Measurement, step_sigma: tuple[float, float, float]) -> ToldStep:
     """The motion since the last scan, as unsure as it says and by step_sigma (m, m, rad) beside."""
-    spread = measurement.motion_covariance + np.diag(np.square(step_sigma))
+    spread = measurement.motion_covariance + diagonal_of(step_sigma)
     return ToldStep(measurement.motion, spread)
 
 

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam.arrays import BoolArray, FloatArray, IntArray, frozen_array
+from slam.kernels.normal_equations import lower_root_into
 from slam.pose_graph.chordal import chordal_poses
 from slam.pose_graph.equations import Equations, is_held
 from slam.pose_graph.robust import EdgeKernel, PoseGraphConfig, best_descent, descend
 from slam.pose_graph.solution import PoseGraphSolution
 from slam.se2 import SE2
+
+_UPPER = np.triu(np.ones((3, 3), np.bool_))
 
 
 class Start(Enum):
@@ -140,8 +143,13 @@ class PoseGraph:
         largest = float(np.abs(matrix).max())
         if np.abs(matrix - matrix.T).max() > 1e-6 * largest:
             raise ValueError(f"edge {i} -> {j}: its information is not symmetric")
-        matrix = np.triu(matrix) + np.triu(matrix, 1).T
-        if not largest > 0.0 or np.linalg.eigvalsh(matrix)[0] < -1e-9 * largest:
+        matrix = np.where(_UPPER, matrix, matrix.T)
+        # most are positive definite, which a root shows at once
+        is_positive = largest > 0.0 and (
+            lower_root_into(matrix, 0.0, np.empty((3, 3)))
+            or np.linalg.eigvalsh(matrix)[0] >= -1e-9 * largest
+        )
+        if not is_positive:
             raise ValueError(f"edge {i} -> {j}: its information is not positive")
         if self._edge_count == len(self._ends):
             self._ends, self._measured = _doubled(self._ends), _doubled(self._measured)
