@@ -17,6 +17,7 @@ from experiments.mapping import LEAST_SHARE, MOST_ATE_M, MapOutcome, MappingResu
 from slam.arrays import FloatArray
 
 _TRUE, _MAP, _WRONG, _WAY, _TRACK = "#444444", "#0072b2", "#d62728", "#e69f00", "#009e73"
+_MISSED = "#cc00cc"
 _ARROWS = 12
 _MANY = 200
 """Points off every surface, of which more would hide the map if they were as large as fewer need to be."""
@@ -41,7 +42,7 @@ def made_maps_picture(folder: Path, result: MappingResult, index: int) -> Path:
     for axis in panels[1 + len(names) :]:
         axis.set_axis_off()
     figure.suptitle(_title(result, index))
-    legend_below(figure, panels[1], ncols=5)
+    legend_below(figure, panels[1], ncols=6 if columns > 2 else 3)
     return saved(figure, folder / f"trial_{index}")
 
 
@@ -55,7 +56,7 @@ def worst_maps_picture(folder: Path, worst: list[tuple[int, MappingResult]], nam
         _draw_made(axis, result, name, f"trial {index}, {_people(result)}")
     figure.suptitle(f"the worst maps by {name}" if len(worst) > 1 else f"the worst map by {name}")
     # below a single map there is room for two beside each other
-    legend_below(figure, axes[0][0], ncols=min(2 * len(worst), 5))
+    legend_below(figure, axes[0][0], ncols=min(2 * len(worst), 6))
     return saved(figure, folder / "worst")
 
 
@@ -146,6 +147,9 @@ def _draw_made(axis: Axes, result: MappingResult, name: str, title: str) -> None
     axis.plot(
         *outcome.points_m[is_wrong].T, color=_WRONG,
         label=f"map, {100 * NEAR_M:.0f} cm and more off", **style | {"ms": 2.0 if is_wrong.sum() > _MANY else 6.0},
+    )  # fmt: skip
+    axis.plot(
+        *outcome.missed_m.T, color=_MISSED, label="surface in view that the map lacks", **style | {"marker": "s", "ms": 3.0},
     )  # fmt: skip
     axis.plot(*result.true_poses[:, :2].T, color=_TRACK, lw=1.4, label="where it drove")
     axis.plot(*outcome.path_m.T, color=_WAY, lw=1.4, ls="--", label="where it thinks it drove")

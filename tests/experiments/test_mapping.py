@@ -158,6 +158,24 @@ def test_legend_of_the_worst_maps_lies_in_the_picture(count, result, tmp_path, m
     plt.close(figure)
 
 
+def test_walls_that_a_map_lacks_are_drawn_and_named(result, tmp_path, monkeypatch):
+    """Else a recall below 1 has nothing in the picture to show for it."""
+    drawn = []
+    monkeypatch.setattr(
+        "experiments.figures.made_maps.saved", lambda figure, _: drawn.append(figure)
+    )
+    lacks = result.outcomes["odometry"]
+    assert len(lacks.missed_m) > 0
+    made_maps_picture(tmp_path, result, 0)
+    (figure,) = drawn
+    label = "surface in view that the map lacks"
+    (marks,) = (line for line in figure.axes[1].lines if line.get_label() == label)
+    assert np.array_equal(np.column_stack(marks.get_data()), lacks.missed_m)
+    (legend,) = figure.legends
+    assert label in [text.get_text() for text in legend.get_texts()]
+    plt.close(figure)
+
+
 @pytest.mark.slow
 def test_robot_finds_itself_on_the_map_that_it_made(box_room):
     config = TrialConfig(place=box_room, poses="random", map="made", methods=("limit",))
