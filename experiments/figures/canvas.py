@@ -30,6 +30,10 @@ COLOURS = {
 _FALLBACK_COLOUR = "#8c564b"
 _DASHED = {"limit_unfused": (0, (5, 1.5)), "limit_skewed": (0, (2, 1.2))}
 """Variants of a method, told from it by more than a shade."""
+_LEAST_LACK = 0.001
+"""Chosen: a share that lacks less of 1 lies beside 1."""
+_SHARES = (0.0, 0.5, 0.8, 0.9, 0.97, 0.99, 0.997, 1.0)
+"""Marks along such an axis, evenly enough for their numbers."""
 BOUND_STYLE: dict[str, Any] = {"color": "#000000", "lw": 3.2, "zorder": 5}
 
 
@@ -67,6 +71,27 @@ def label_decades(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=subs, numticks=30))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def spread_near_one(axes: Axes) -> None:
+    """Shares along x by what they lack of 1, so that 0.99 and 1 lie apart whatever else is drawn.
+
+    The logarithm of what is lacking, and of `_LEAST_LACK` with it, so that 1 has a place as well.
+    """
+    low, _ = axes.get_xlim()
+    axes.set_xscale("function", functions=(_lack_decades, _share_of_decades))
+    # and nothing on the frame
+    axes.set_xlim(_share_of_decades(_lack_decades(min(low, 0.96)) - 0.05), 1.0 + 0.1 * _LEAST_LACK)
+    axes.set_xticks([share for share in _SHARES if share >= axes.get_xlim()[0]])
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+
+
+def _lack_decades(share: Any) -> Any:
+    return -np.log10(np.maximum(1.0 - np.asarray(share) + _LEAST_LACK, 0.1 * _LEAST_LACK))
+
+
+def _share_of_decades(decades: Any) -> Any:
+    return 1.0 + _LEAST_LACK - 10.0 ** -np.asarray(decades)
 
 
 def legend_below(figure: Any, axis: Axes, ncols: int) -> None:

@@ -11,7 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from experiments.figures.canvas import label_decades, legend_below, line_style, plain, saved
+from experiments.figures.canvas import (
+    label_decades,
+    legend_below,
+    line_style,
+    plain,
+    saved,
+    spread_near_one,
+)
 from experiments.map_quality import NEAR_M
 from experiments.mapping import LEAST_SHARE, MOST_ATE_M, MapOutcome, MappingResult, true_map
 from slam.arrays import FloatArray
@@ -95,14 +102,18 @@ def map_quality_drawn(folder: Path) -> Figure:
             if values:
                 axis.ecdf(values, label=name, **line_style(name))
         axis.axvline(limit, color="#000000", ls="--", lw=1.0, label="needed")
-        axis.set(xlabel=label, ylim=(0.0, 1.02))
+        # a line along either end is not to lie on the frame
+        axis.set(xlabel=label, ylim=(-0.02, 1.02))
         if key == "ate_m":
             axis.set_xscale("log")
             label_decades(axis.xaxis)
+        else:
+            spread_near_one(axis)
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("share of the trials")
     legend_below(figure, axes[0], ncols=1 + len(summary["methods"]))
-    figure.suptitle(f"maps of {summary['trials']} trials")
+    trials = summary["trials"]
+    figure.suptitle("map of 1 trial" if trials == 1 else f"maps of {trials} trials")
     return figure
 
 

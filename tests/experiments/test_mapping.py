@@ -176,6 +176,33 @@ def test_walls_that_a_map_lacks_are_drawn_and_named(result, tmp_path, monkeypatc
     plt.close(figure)
 
 
+def test_share_of_99_percent_lies_apart_from_all_in_the_picture(result, tmp_path, monkeypatch):
+    """A map is good from 0.99 on; beside one of a method that has 0.4, these were 2 % of the axis."""
+    drawn = []
+    monkeypatch.setattr(
+        "experiments.figures.made_maps.saved", lambda figure, _: drawn.append(figure)
+    )
+    record = result.record()
+    for share in ("map_precision", "map_recall"):
+        record["methods"]["odometry"][share] = 0.4
+        record["methods"]["limit"][share] = 1.0
+    (tmp_path / "trials.jsonl").write_text(json.dumps(record) + "\n")
+    summary = {"trials": 1, "methods": {"odometry": {}, "limit": {}}}
+    (tmp_path / "summary.json").write_text(json.dumps(summary))
+    map_quality_figure(tmp_path)
+    (figure,) = drawn
+    figure.canvas.draw()
+    for axes in figure.axes[1:]:
+        worst, needed, best = (
+            axes.transAxes.inverted().transform(axes.transData.transform((share, 0.0)))[0]
+            for share in (0.4, 0.99, 1.0)
+        )
+        assert 0.0 < worst < 0.1
+        assert best - needed > 0.25  # of the axis; more than a third as it is now
+        assert best < 1.0
+    plt.close(figure)
+
+
 @pytest.mark.slow
 def test_robot_finds_itself_on_the_map_that_it_made(box_room):
     config = TrialConfig(place=box_room, poses="random", map="made", methods=("limit",))
