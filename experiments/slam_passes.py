@@ -150,7 +150,7 @@ def _driven(
         if not step.is_joined:
             joined_at = None
         elif joined_at is None:
-            joined_at = index
+            joined_at = index + 1
         if on_scan is not None:
             on_scan(index, log.scan_count, step)
         index += 1

@@ -31,8 +31,8 @@ class SlamLog:
     warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which memory had grown
     with the last scan, None where the system does not tell.
     evaluation: against a reference, where there is one. continued: name of the map that the log's
-    session continued, None: of none; joined_at: the scan with which it was joined, None: with none,
-    but at the end, if at all; start: pose of its first scan there as it was told, None: searched for.
+    session continued, None: of none; joined_at: the scan with which it was joined, from 1, None: with
+    none, but at the end, if at all; start: pose of its first scan there as it was told, None: searched for.
     wheels: what calibrating them from the drive gave, where the log tells their ticks.
     is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
     not hold together. notes: what of the log was taken, in words. used_pass: which pass over the log
@@ -176,7 +176,7 @@ def table(summary: dict[str, Any]) -> str:
         elif at is None:
             joined = "joined at its end"
         else:
-            joined = f"joined at scan {at + 1} of {summary['scans']}"
+            joined = f"joined at scan {at} of {summary['scans']}"
         lines.insert(1, f"session {number}, on {summary['continued']}: {joined}")
     if cpu["other_passes"] > 0.0:
         lines[-1] += f"; {cpu['other_passes']:.1f} s for another pass over the log"

@@ -65,11 +65,10 @@ def measured(log: Log, against: Trajectory, related: Relations | None = None) ->
         write_slam_map(again, known)
         is_same_again = path.read_bytes() == again.read_bytes()
     continued = default_mapped(second, known)
-    joined_at = None if continued.joined_at is None else continued.joined_at + 1
     both = continued.slam_map
     return Continued(
         evaluated(whole.trajectory, against, related), evaluated(both.trajectory, against, related),
-        joined_at, second.scan_count, is_same_again, both.verdict.reasons,
+        continued.joined_at, second.scan_count, is_same_again, both.verdict.reasons,
     )  # fmt: skip
 
 

@@ -159,10 +159,11 @@ def test_log_continues_a_map(folder, tmp_path, capsys):
     out = tmp_path / "both"
     arguments = ["slam", str(LOG), "--map", str(folder / "map.kitasap"), "--out", str(out)]
     assert main([*arguments, "--start", "0", "0", "0"]) == 0
-    assert "session 2, on map.kitasap: joined at scan " in capsys.readouterr().out
+    said = capsys.readouterr().out
     summary = json.loads((out / "summary.json").read_text())
     assert summary["verdict"] == "good"
-    assert summary["joined_at"] is not None
+    told = f"session 2, on map.kitasap: joined at scan {summary['joined_at']} of {summary['scans']}"
+    assert told in said
     # where no scan but the end showed it
     at_end = table(summary | {"joined_at": None})
     assert "session 2, on map.kitasap: joined at its end" in at_end
