@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 
@@ -37,9 +39,24 @@ class Continued:
     is_same_again: bool
     reasons: tuple[str, ...]
 
+    def record(self) -> dict[str, Any]:
+        """The same as plain numbers; either map's errors as in `evaluation.json`."""
+        return {
+            "scans": self.scans,
+            "joined_at": self.joined_at,
+            "verdict": "failed" if self.reasons else "good",
+            "reasons": list(self.reasons),
+            "same_bytes_again": self.is_same_again,
+            "in_one_go": self.whole.summary(),
+            "in_two_sessions": self.halves.summary(),
+        }
 
-def print_benchmark(log_path: Path, reference: Path, relations: Path | None) -> bool:
-    """Maps and prints the table; whether the second half was joined, and the map is called good.
+
+def print_benchmark(
+    log_path: Path, reference: Path, relations: Path | None, out: Path | None
+) -> bool:
+    """Maps, prints the table, and writes it as JSON where asked; whether the second half was joined,
+    and the map is called good.
 
     Raises ValueError for files that are not what they should be, or a log of one scan.
     """
@@ -49,13 +66,21 @@ def print_benchmark(log_path: Path, reference: Path, relations: Path | None) -> 
     check_same_time(log, against.times_s, reference)
     if log.scan_count < 2:
         raise ValueError(f"{log_path}: expected two scans and more, one for each half")
-    found = measured(log, against, related)
+    found = measured(log, against, related, None if relations is None else relations.name)
     wide_console().print(_table(log.name, found))
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps({"log": log.name, **found.record()}, indent=2) + "\n")
     return found.joined_at is not None and not found.reasons
 
 
-def measured(log: Log, against: Trajectory, related: Relations | None = None) -> Continued:
-    """Maps the log whole, and in halves with a file in between."""
+def measured(
+    log: Log,
+    against: Trajectory,
+    related: Relations | None = None,
+    relations_of: str | None = None,
+) -> Continued:
+    """Maps the log whole, and in halves with a file in between. relations_of: their file's name."""
     first, second = halves(log)
     whole = default_mapped(log).slam_map
     with tempfile.TemporaryDirectory() as folder:
@@ -66,9 +91,12 @@ def measured(log: Log, against: Trajectory, related: Relations | None = None) ->
         is_same_again = path.read_bytes() == again.read_bytes()
     continued = default_mapped(second, known)
     both = continued.slam_map
+    in_one_go, in_two = (
+        evaluated(one.trajectory, against, related, relations_of=relations_of)
+        for one in (whole, both)
+    )
     return Continued(
-        evaluated(whole.trajectory, against, related), evaluated(both.trajectory, against, related),
-        continued.joined_at, second.scan_count, is_same_again, both.verdict.reasons,
+        in_one_go, in_two, continued.joined_at, second.scan_count, is_same_again, both.verdict.reasons,
     )  # fmt: skip
 
 

@@ -10,6 +10,8 @@ from experiments.outputs import checked_beside_runs, checked_file
 
 app = typer.Typer()
 
+JsonOut = Annotated[Path | None, typer.Option(help="Write the table as JSON to this file.")]
+
 
 @app.callback(invoke_without_command=True)
 def bench(context: typer.Context) -> None:
@@ -49,7 +51,7 @@ def registration(
     seed: Seed = 0,
     place: PlaceName = "room_fig4",
     laser: Laser = "urg_04lx",
-    out: Annotated[Path | None, typer.Option(help="Write the table as JSON to this file.")] = None,
+    out: JsonOut = None,
 ) -> None:
     """Processor time and error of one scan registered on a known map, beside other libraries."""
     from experiments.bench.registration_run import print_benchmark
@@ -87,7 +89,7 @@ def relocalization(
 @app.command()
 def mapping(
     log: Log,
-    out: Annotated[Path | None, typer.Option(help="Write the table as JSON to this file.")] = None,
+    out: JsonOut = None,
 ) -> None:
     """Processor time and memory of mapping a recorded log: front end, loops, finishing."""
     from experiments.bench.mapping import print_benchmark
@@ -150,11 +152,14 @@ def continued(
     relations: Annotated[
         Path | None, typer.Option(help="Relations to judge by; else built of the reference.")
     ] = None,
+    out: JsonOut = None,
 ) -> int:
     """A log's second half on the map that the first one left, beside the log in one go."""
     from experiments.bench.continued import print_benchmark
 
-    return 0 if print_benchmark(log, reference, relations) else 1
+    if out is not None:
+        checked_file(out)
+    return 0 if print_benchmark(log, reference, relations, out) else 1
 
 
 @app.command()

@@ -1,10 +1,12 @@
 """`kitasap bench continued`: a log in halves is the log, and is judged as a whole."""
 
+import json
 from pathlib import Path
 
 import pytest
 
-from experiments.bench.continued import halves, measured
+from experiments.bench import continued
+from experiments.bench.continued import Continued, halves, measured
 from experiments.cli import main
 from slam.readers.recognition import read_log
 from slam.trajectory import read_tum
@@ -12,6 +14,11 @@ from tests.experiments.refusals import refusal
 
 DATA = Path(__file__).parents[1] / "data"
 LOG, REFERENCE = DATA / "fr101-excerpt.clf.gz", DATA / "fr101-excerpt.reference.tum"
+
+
+@pytest.fixture(scope="module")
+def found() -> Continued:
+    return measured(read_log(LOG), read_tum(REFERENCE))
 
 
 def test_halves_are_the_log_cut_before_a_scan():
@@ -26,14 +33,26 @@ def test_halves_are_the_log_cut_before_a_scan():
     assert abs(first.scan_count - second.scan_count) <= 1
 
 
-def test_both_ways_are_judged_by_all_scans_and_the_map_is_the_same_when_read():
+def test_both_ways_are_judged_by_all_scans_and_the_map_is_the_same_when_read(found):
     log = read_log(LOG)
-    found = measured(log, read_tum(REFERENCE))
     assert found.is_same_again
     assert found.whole.pose_count == found.halves.pose_count == log.scan_count
     assert found.whole.absolute is not None
     assert found.whole.absolute.position_m.rmse < 0.05
     assert found.scans == log.scan_count - log.scan_count // 2
+
+
+def test_table_is_written_as_json_where_asked(found, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(continued, "measured", lambda *_: found)
+    out = tmp_path / "new" / "halves.json"
+    asked = ["bench", "continued", str(LOG), "--reference", str(REFERENCE), "--out", str(out)]
+    status = main(asked)
+    assert LOG.name in capsys.readouterr().out
+    record = json.loads(out.read_text())
+    assert (record["log"], record["scans"]) == (LOG.name, found.scans)
+    assert (record["joined_at"] is not None and record["verdict"] == "good") == (status == 0)
+    assert record["in_one_go"]["ate"]["translation_m"]["rmse"] < 0.05
+    assert record["in_one_go"]["poses"] == record["in_two_sessions"]["poses"]
 
 
 @pytest.mark.slow

@@ -37,6 +37,10 @@ WORK = {
     "picture": ("kitasap_sim.simulation.Simulation", ["picture"]),
     "bench mismatch": ("experiments.bench.mismatch.print_benchmark", ["bench", "mismatch"]),
     "bench mapping": ("experiments.bench.mapping.print_benchmark", ["bench", "mapping", LOG]),
+    "bench continued": (
+        "experiments.bench.continued.print_benchmark",
+        ["bench", "continued", LOG, "--reference", REFERENCE],
+    ),
     "bench registration": (
         "experiments.bench.registration_run.print_benchmark", ["bench", "registration"]
     ),
