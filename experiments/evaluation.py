@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from experiments.reference_files import read_poses, read_related
 from experiments.trial_log import write_atomically
 from slam.arrays import FloatArray, IntArray
-from slam.files.kitti_files import read_trajectory
 from slam.metrics import (
     AbsoluteErrors,
     RelationErrors,
@@ -23,7 +23,6 @@ from slam.metrics import (
     absolute_errors,
     built_relations,
     index_pairs,
-    read_relations,
     relation_errors,
     relative_errors,
     way_pairs,
@@ -134,10 +133,10 @@ def evaluated_files(
     Raises ValueError, in one line, for files that are not what they should be or do not belong
     together, OSError for unreadable ones.
     """
-    trajectory, is_stamped = _poses_of(trajectory_path)
+    trajectory, is_stamped = read_poses(trajectory_path, "TRAJECTORY")
     reference = None
     if reference_path is not None:
-        reference, is_reference_stamped = _poses_of(reference_path)
+        reference, is_reference_stamped = read_poses(reference_path, "--reference")
         if is_stamped != is_reference_stamped or not (
             is_stamped or len(trajectory) == len(reference)
         ):
@@ -146,7 +145,7 @@ def evaluated_files(
                 f" {reference_path.name} {len(reference)}{_of_format(is_reference_stamped)}; expected"
                 " stamps in both, or in neither and as many poses: those of KITTI go line by line"
             )
-    relations = None if relations_path is None else read_relations(relations_path)
+    relations = None if relations_path is None else read_related(relations_path)
     odometry = None
     if odometry_path is not None:
         odometry = odometry_of(odometry_path)
@@ -227,18 +226,6 @@ def _spread(spread: Spread) -> dict[str, Any]:
 def _number(value: float) -> float | None:
     """The same, None for nan, which JSON has not."""
     return value if math.isfinite(value) else None
-
-
-def _poses_of(path: Path) -> tuple[Trajectory, bool]:
-    trajectory, is_stamped = read_trajectory(path)
-    check_has_poses(trajectory, path)
-    return trajectory, is_stamped
-
-
-def check_has_poses(trajectory: Trajectory, path: Path) -> None:
-    """Raises ValueError that names the file of a trajectory without any."""
-    if len(trajectory) == 0:
-        raise ValueError(f"{path.name}: no pose in it, lines of time_s x y z qx qy qz qw")
 
 
 def _of_format(is_stamped: bool) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 
 from experiments.known_maps import LogConfig, points_of_scans
 from experiments.protocols import DEFAULT_METHOD
+from experiments.reference_files import read_reference
 from experiments.trial_log import write_atomically
 from slam.arrays import BoolArray, FloatArray
 from slam.icp import CoarseToFineConfig
@@ -30,7 +31,7 @@ from slam.odometry import compose_covariance
 from slam.readers.carmen import CarmenConfig, read_carmen
 from slam.readers.log import Log
 from slam.se2 import SE2
-from slam.trajectory import Trajectory, read_tum, write_tum
+from slam.trajectory import Trajectory, write_tum
 
 # A scan that is farther off than this, yet called matched, was lost silently.
 LOST_POSITION_M = 0.5
@@ -126,7 +127,7 @@ def run(
     Raises ValueError for files that are not what they should be, OSError for unreadable ones.
     """
     config = config or RealLogConfig()
-    log, reference = read_carmen(log_path, config.carmen), read_tum(reference_path)
+    log, reference = read_carmen(log_path, config.carmen), read_reference(Path(reference_path))
     log.check_sees()
     rows = list(referenced(log, reference, config.range_max_m))
     if len(rows) < 2:

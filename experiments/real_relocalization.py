@@ -21,6 +21,7 @@ import numpy as np
 from experiments.known_maps import map_of_scans
 from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
+from experiments.reference_files import read_reference
 from experiments.trial_log import write_atomically
 from slam.guard.hypotheses_config import HypothesesConfig
 from slam.known_map import KnownMap
@@ -29,7 +30,6 @@ from slam.lost import GuardConfig
 from slam.measurements import Measurement
 from slam.readers.carmen import read_carmen
 from slam.se2 import SE2, wrap_angle
-from slam.trajectory import read_tum
 from slam.verdict import Status
 
 RIGHT_M, RIGHT_RAD = 0.15, math.radians(3.0)
@@ -164,7 +164,7 @@ def run(
     config = config or RealLogConfig()
     if protocol not in ("each", "jumps"):
         raise ValueError(f"no protocol called '{protocol}'; there are: {', '.join(PROTOCOLS)}")
-    log, reference = read_carmen(log_path, config.carmen), read_tum(reference_path)
+    log, reference = read_carmen(log_path, config.carmen), read_reference(reference_path)
     log.check_sees()
     rows = list(referenced(log, reference, config.range_max_m))
     # of each piece of the half that is driven, two scans at least

@@ -9,18 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.evaluation import check_has_poses, evaluated, span
+from experiments.evaluation import evaluated, span
 from experiments.known_maps import map_to_continue
 from experiments.observer import NO_ONE, LogObserver
+from experiments.reference_files import read_reference, read_related
 from experiments.slam_passes import OnScan, best_mapped, mapped_once
 from experiments.slam_result import SlamLog
 from slam.arrays import FloatArray
-from slam.metrics import read_relations
 from slam.readers.log import Log, LogChoice
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
-from slam.trajectory import read_tum
 
 
 def run(
@@ -40,10 +39,8 @@ def run(
     OSError for unreadable ones.
     """
     # refused now rather than after the log
-    against = None if reference is None else read_tum(reference)
-    if reference is not None and against is not None:
-        check_has_poses(against, reference)
-    related = None if relations is None else read_relations(relations)
+    against = None if reference is None else read_reference(reference)
+    related = None if relations is None else read_related(relations)
     known = None if map_path is None else map_to_continue(map_path)
     if known is not None and start is not None:
         _check_start(known, start)
@@ -53,7 +50,7 @@ def run(
     if against is not None and reference is not None:
         check_same_time(log, against.times_s, reference)
     if related is not None and relations is not None:
-        for times_s in related.times_s.T:  # a trajectory has eight numbers in a line as well
+        for times_s in related.times_s.T:
             check_same_time(log, times_s, relations)
     result = best_mapped(log, mapped)
     result = replace(result, notes=(*log.notes, *result.notes))

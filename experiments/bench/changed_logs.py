@@ -12,10 +12,11 @@ from experiments.bench.log_changes import Change
 from experiments.bench.map_end import MOST_M, MOST_RMSE_M, MapEnd
 from experiments.evaluation import evaluated
 from experiments.progress import CountProgress
+from experiments.reference_files import read_reference
 from experiments.slam_log import check_same_time, default_mapped
 from slam.readers.log import Log
 from slam.readers.recognition import read_log
-from slam.trajectory import Trajectory, read_tum
+from slam.trajectory import Trajectory
 
 CAPTION = (
     f"Position error of the scans against the reference; right: at most {MOST_RMSE_M:g} m"
@@ -34,7 +35,7 @@ class Case:
 
 def read_referenced(log_path: Path, reference: Path) -> tuple[Log, Trajectory]:
     """A log and where its scans were taken. Raises ValueError for files that are not that."""
-    against, log = read_tum(reference), read_log(log_path)
+    against, log = read_reference(reference), read_log(log_path)
     log.check_sees()
     check_same_time(log, against.times_s, reference)
     return log, against

@@ -14,14 +14,15 @@ from typing import Any
 from rich.table import Table
 
 from experiments.evaluation import Evaluation, evaluated
+from experiments.reference_files import read_reference, read_related
 from experiments.slam_log import check_same_time, default_mapped
 from experiments.tables import wide_console
 from slam.files.slam_map_files import read_slam_map, write_slam_map
-from slam.metrics import Relations, read_relations
+from slam.metrics import Relations
 from slam.readers.log import Log, LogRecords
 from slam.readers.log_record import LogRecord
 from slam.readers.recognition import read_log
-from slam.trajectory import Trajectory, read_tum
+from slam.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,8 @@ def print_benchmark(
 
     Raises ValueError for files that are not what they should be, or a log of one scan.
     """
-    against, log = read_tum(reference), read_log(log_path)
-    related = None if relations is None else read_relations(relations)
+    against, log = read_reference(reference), read_log(log_path)
+    related = None if relations is None else read_related(relations)
     log.check_sees()
     check_same_time(log, against.times_s, reference)
     if log.scan_count < 2:

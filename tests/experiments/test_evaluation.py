@@ -140,14 +140,7 @@ def test_file_in_place_of_a_folder_is_refused_before_anything_is_read(tmp_path, 
         ([REFERENCE], "nothing to evaluate against: give --reference, --relations or both"),
         ([REFERENCE, REFERENCE, "--reference", REFERENCE], "give one reference"),
         (["none.tum", REFERENCE], "none.tum: No such file or directory"),
-        ([LOG, REFERENCE], "fr101-excerpt.clf.gz: binary, not a TUM or KITTI trajectory"),
         ([DATA, REFERENCE], f"{DATA}: Is a directory"),
-        # eight numbers in a line as well, but no times that fit
-        (
-            [REFERENCE, "--relations", REFERENCE],
-            "the trajectory has no pose at the times of the rel",
-        ),
-        ([REFERENCE, "--relations", LOG], "fr101-excerpt.clf.gz: binary, not a file of relations"),
         (
             [REFERENCE, REFERENCE, "--odometry", REFERENCE],
             "fr101-excerpt.reference.tum: line 2 begins",
@@ -167,7 +160,7 @@ def test_trajectory_of_another_time_or_without_a_pose_is_refused(tmp_path, strai
     )
     (tmp_path / "empty.tum").write_text("# time_s x y z qx qy qz qw\n")
     line = refusal(capsys, "evaluate", tmp_path / "empty.tum", straight)
-    assert line == "empty.tum: no pose in it, lines of time_s x y z qx qy qz qw"
+    assert line == f"{tmp_path}/empty.tum: no pose in it, lines of time_s x y z qx qy qz qw"
 
 
 def statistics_by(program: str, folder: Path, *arguments: str) -> dict[str, float]:

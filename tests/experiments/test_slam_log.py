@@ -15,7 +15,6 @@ from slam import read_map, read_slam_map, read_tum
 from slam.known_map import USUAL_LASER
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
-from slam.readers.recognition import read_log
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
@@ -110,7 +109,7 @@ def test_reference_that_is_none_is_refused_before_the_log_is_mapped(tmp_path, ca
     assert "reference.tum" in line
     path.write_text("")
     line = refusal(capsys, "slam", LOG, "--out", tmp_path / "out", "--reference", path)
-    assert line.startswith("reference.tum: no pose in it")
+    assert line.startswith(f"{path}: no pose in it")
 
 
 @pytest.mark.slow
@@ -297,10 +296,6 @@ def test_reference_of_another_log_or_no_folder_is_refused_before_the_log_is_mapp
     assert not out.exists()
     other = tmp_path / "other.relations"
     other.write_text("0 1 1 0 0 0 0 0\n")
-    said = refusal(capsys, "slam", LOG, "--relations", other, "--out", out)
-    assert "is it that of another log?" in said
-    time_s = next(iter(read_log(LOG).records)).time_s  # a trajectory of the log
-    other.write_text(f"{time_s} 0.1 0.2 0 0 0 0 1\n{time_s + 1.0} 1.1 0.2 0 0 0 0 1\n")
     said = refusal(capsys, "slam", LOG, "--relations", other, "--out", out)
     assert "is it that of another log?" in said
     said = refusal(capsys, "slam", LOG, "--out", "/proc/nowhere/out")
