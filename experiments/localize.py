@@ -27,11 +27,12 @@ from slam.verdict import Status
 
 VERDICT_COLUMNS = (
     "time", "status", "x", "y", "theta", "var_x", "cov_xy", "cov_xtheta", "var_y", "cov_ytheta",
-    "var_theta", "reasons",
+    "var_theta", "reasons", "warnings",
 )  # fmt: skip
 """Of `verdicts.csv`: pose in the map frame [m, rad], a best guess unless tracking, empty before
 there is any; covariance of its tangent in the base frame, empty where nothing is claimed, as by a
-robot that is lost; reasons joined by "; "."""
+robot that is lost; reasons of the status, and warnings of what does not fit map, laser or wheels
+whatever the status is, each joined by "; "."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +70,15 @@ class LocalizedLog:
         return [estimate.verdict.status for estimate in self.estimates]
 
     def summary(self) -> dict[str, Any]:
-        """How often which verdict, and how long it took to be found."""
+        """How often which verdict, how long it took to be found, and of how many scans there were
+        warnings; those of the last such scan."""
         counts = Counter(status.value for status in self.statuses())
         recoveries = [
             estimate.verdict.recovery_s
             for estimate in self.estimates
             if estimate.verdict.recovery_s is not None
         ]
+        warned = [estimate for estimate in self.estimates if estimate.warnings]
         return {
             "experiment": "localize",
             "log": self.name,
@@ -84,6 +87,8 @@ class LocalizedLog:
             "scans": len(self.estimates),
             **{status.value: counts[status.value] for status in Status},
             "recoveries_s": recoveries,
+            "warned": len(warned),
+            "warnings": list(warned[-1].warnings) if warned else [],
             "config": asdict(self.config),
         }
 
@@ -171,7 +176,8 @@ def verdict_rows(estimates: Sequence[Estimate], start: SE2 | None) -> list[list[
                 estimate.verdict.status.value,
                 *pose,
                 *upper,
-                "; ".join((*estimate.verdict.reasons, *estimate.warnings)),
+                "; ".join(estimate.verdict.reasons),
+                "; ".join(estimate.warnings),
             ]
         )
     return rows
@@ -190,11 +196,15 @@ def write_results(result: LocalizedLog, folder: Path) -> None:
 
 
 def table(summary: dict[str, Any]) -> str:
-    """The summary for people to read."""
-    return (
+    """The summary for people to read; of the warnings those of the last scan that had any."""
+    lines = [
         f"{summary['log']} on {summary['map']}: {summary['scans']} scans: {summary['tracking']}"
         f" tracking, {summary['unsure']} unsure, {summary['lost']} lost; {_found(summary)}"
-    )
+    ]
+    if summary["warned"]:
+        lines.append(f"{summary['warned']} scans came with warnings, the last one of these:")
+        lines += [f"  {warning}" for warning in summary["warnings"]]
+    return "\n".join(lines)
 
 
 def _found(summary: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ _MOST_NIS = 25.0
 """One slip of a tire is no trend: it counts as so much at most."""
 _LEAST = 30
 """Chosen: no word on trends before so many scans."""
+_CHECK = "check where the laser sits (of a log: --mount), and the wheels' radii and track"
 
 
 @dataclass
@@ -83,12 +84,13 @@ class InnovationMonitor:
         if self._scale and not low <= self._scale <= high:
             said.append(
                 f"ranges scatter {self._scale:.2f} times as wide as the laser model's noise says:"
-                " give it the right sigma"
+                " multiply its sigma by that (of a log: --range-sigma)"
             )
         if self.has_offset:
             said.append(
                 f"ranges are {1000.0 * self.offset_m:+.1f} mm off the map on average, the same for"
-                " all beams: correct the laser's offset, or the map's scale"
+                " all beams, and are corrected by that: is the laser's zero off, or the map's scale"
+                " (resolution)?"
             )
         if self.count >= _LEAST and self._missing > self.missing_limit:
             said.append(
@@ -98,11 +100,11 @@ class InnovationMonitor:
         if self.count >= _LEAST and self._nis > self.nis_limit:
             said.append(
                 f"odometry and scan matches differ: normalised innovation {self._nis:.1f} where 3"
-                " is expected; check the laser's mounting and the wheels (kitasap calibrate)"
+                f" is expected: {_CHECK}"
             )
         if self.count >= _LEAST and self._strain > self.strain_limit:
             said.append(
                 f"the wheels would have to be {self._strain:.0f} times as wrong as thought to explain"
-                " the scans; check the laser's mounting and the wheels (kitasap calibrate)"
+                f" the scans: {_CHECK}"
             )
         return tuple(said)

@@ -1,6 +1,7 @@
 """The commands on recorded logs: `kitasap slam`, `kitasap localize` and `kitasap real-log`."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -119,6 +120,12 @@ def localize(
     scan_topic: ScanTopic = None,
     odom_topic: OdomTopic = None,
     mount: Mount = None,
+    range_sigma: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001, max=1.0, help="Noise of a range, its standard deviation [m]; default: 0.02."
+        ),
+    ] = None,
     rerun: Rerun = None,
 ) -> None:
     """Follows a recorded log on a known map: trajectory, a verdict for each scan, a figure.
@@ -134,11 +141,14 @@ def localize(
     from experiments.rerun_views import RerunLog
 
     T_start, choice = _pose(start), log_choice(scan_topic, odom_topic, mount)
+    config = LogConfig(method)
+    if range_sigma is not None:
+        config = replace(config, range_sigma_m=range_sigma)
     with results_of_one(out, "localize"):
         with shown(rerun, log.name) as stream, ScanProgress(log.name) as progress:
             observer = NO_ONE if stream is None else RerunLog(stream)
             result = localizing.run(
-                known_map, log, T_start, LogConfig(method), progress.update, choice, observer
+                known_map, log, T_start, config, progress.update, choice, observer
             )
         with results_together(out) as unfinished:
             localizing.write_results(result, unfinished)

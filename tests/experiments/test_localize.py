@@ -123,6 +123,20 @@ def test_what_is_believed_is_near_the_reference(run_of, request):
     np.testing.assert_allclose([float(row["time"]) for row in rows], stamps, atol=1e-6)
 
 
+def test_warnings_stand_apart_from_the_reasons_of_a_verdict(unknown_start):
+    rows, summary = (
+        verdicts(unknown_start),
+        json.loads((unknown_start / "summary.json").read_text()),
+    )
+    # the log has no times of beams, and its robot moves
+    told = [row for row in rows if "scan not straightened" in row["warnings"]]
+    assert told
+    assert any(row["status"] == "tracking" and not row["reasons"] for row in told)
+    warned = [row["warnings"] for row in rows if row["warnings"]]
+    assert summary["warned"] == len(warned)
+    assert "; ".join(summary["warnings"]) == warned[-1]
+
+
 @pytest.mark.slow
 def test_given_start_is_believed_at_the_first_scan(known_start, unknown_start):
     assert verdicts(known_start)[0]["status"] == "tracking"
@@ -145,6 +159,7 @@ def test_covariance_is_claimed_where_the_pose_is_believed_alone(unknown_start):
             assert np.linalg.eigvalsh(covariance).min() > 0.0
         else:
             assert row["reasons"]
+            assert "scan not straightened" not in row["reasons"]
     # of one place among several it would only tell how well the scan fits there
     assert not rows[0]["var_x"]
 
@@ -316,7 +331,7 @@ def test_robot_that_sees_nothing_claims_nothing(office, blind_log, tmp_path):
     folder = localized(office, blind_log, tmp_path / "out", status=1)
     for row in verdicts(folder):
         assert row["status"] == "unsure"
-        assert {row[key] for key in VERDICT_COLUMNS[2:-1]} == {""}
+        assert {row[key] for key in VERDICT_COLUMNS[2:-2]} == {""}
         assert "0 of 181 beams came back" in row["reasons"]
     assert len(read_tum(folder / "trajectory.tum")) == 0
     assert {path.name for path in folder.iterdir()} == FILES

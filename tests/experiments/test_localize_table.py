@@ -1,8 +1,17 @@
 """`kitasap localize` in a line: what was found, and what was never lost."""
 
+import re
+from dataclasses import replace
+
 import pytest
 
+from experiments import localize
+from experiments.cli import main
+from experiments.known_maps import LogConfig
 from experiments.localize import table
+from slam.consistency import InnovationMonitor
+from slam.scan_match import RangeFit
+from tests.experiments.refusals import refusal
 
 START = [0.0, 0.0, 0.0]
 
@@ -21,5 +30,44 @@ START = [0.0, 0.0, 0.0]
 )
 def test_line_tells_recoveries_only_where_something_was_lost(start, lost, recoveries_s, said):
     counts = {"scans": 9, "tracking": 9 - lost, "unsure": 0, "lost": lost}
-    line = table({"log": "a", "map": "b", "start": start, "recoveries_s": recoveries_s} | counts)
+    line = table(
+        {"log": "a", "map": "b", "start": start, "recoveries_s": recoveries_s, "warned": 0} | counts
+    )
     assert line.endswith(f" {lost} lost; {said}")
+
+
+def test_warnings_of_the_last_scan_that_had_any_are_told_below():
+    counts = {"scans": 9, "tracking": 9, "unsure": 0, "lost": 0, "warned": 3}
+    known = {"log": "a", "map": "b", "start": START, "recoveries_s": [], "warnings": ["x", "y"]}
+    _, *lines = table(known | counts).splitlines()
+    assert lines == ["3 scans came with warnings, the last one of these:", "  x", "  y"]
+
+
+def test_options_that_warnings_name_are_those_of_the_command(capsys):
+    """It once was "give it the right sigma", for which there was no option."""
+    monitor = InnovationMonitor()
+    for _ in range(60):
+        monitor.take(50.0, RangeFit(0.9, 2.0, 0.1, 1e-3, 0.5), strain=9.0)
+    assert len(monitor.warnings) == 5
+    named = set(re.findall(r"--[a-z-]+", " ".join(monitor.warnings)))
+    assert named == {"--range-sigma", "--mount"}
+    assert main(["localize", "--help"]) == 0
+    words = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert all(option in words for option in named)
+    assert f"[m]; default: {LogConfig().range_sigma_m:g}." in words
+
+
+def test_noise_that_is_typed_is_the_laser_model_s(monkeypatch, capsys, tmp_path):
+    told = []
+
+    def run(_map, _log, _start, config, *_):
+        told.append(config)
+        raise ValueError("enough")
+
+    monkeypatch.setattr(localize, "run", run)
+    given = ("localize", "map.yaml", "a.clf", "--out", tmp_path / "out")
+    refusal(capsys, *given, "--range-sigma", "0.013")
+    refusal(capsys, *given)
+    assert told == [replace(LogConfig(), range_sigma_m=0.013), LogConfig()]
+    assert told[0].laser.noise.sigma_at_m == ((0.0, 0.013),)
+    assert "0" in refusal(capsys, *given, "--range-sigma", "0")
