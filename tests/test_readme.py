@@ -2,11 +2,13 @@
 
 import re
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from slam import Status
+from slam import Status, read_log
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 
@@ -34,6 +36,31 @@ def test_the_snippets_run_and_find_the_robot(capsys, tmp_path, monkeypatch):
     assert names["env"].observation_space.contains(names["observation"])
     assert names["many"].num_envs == 64
     names["many"].close()
+
+
+def test_the_lines_that_cut_a_log_keep_every_scan_once_and_the_parameters_twice(tmp_path):
+    log = README.parent / "tests/data/fr101-excerpt.clf.gz"
+    shutil.copy(log, tmp_path / "robot.clf.gz")
+    lines = [line for line in README.read_text().splitlines() if line.startswith("zcat robot")]
+    assert [line.split()[-1] for line in lines] == ["first.clf", "second.clf"]
+    # the excerpt has twenty scans
+    script = "\n".join(lines).replace("146", "12")
+    subprocess.run(["sh", "-ec", script], cwd=tmp_path, check=True)
+    whole, *halves = (
+        read_log(path) for path in (log, tmp_path / "first.clf", tmp_path / "second.clf")
+    )
+    assert [half.scan_count for half in halves] == [12, 8]
+    assert [half.T_base_laser for half in halves] == [whole.T_base_laser] * 2
+    stamps = [[record.time_s for record in one.records] for one in (whole, *halves)]
+    assert stamps[0] == stamps[1] + stamps[2]
+
+
+@pytest.mark.parametrize(
+    "term", ["Right", "wrong", "Good", "failed", "right and good", "wrong and good"]
+)
+def test_what_the_table_of_map_ends_is_of_is_said_before_it(term):
+    before, _ = README.read_text().split("| maps | of | right and good |")
+    assert f"*{term}*" in before.split("#### How maps end")[1]
 
 
 def test_the_links_and_pictures_are_there():
