@@ -64,7 +64,7 @@ def convert(
     end = ".clf.gz" if target.name.endswith(".clf.gz") else target.suffix
     if topic is not None:
         if source.suffix in (".tum", ".kitti", ".kitasap", ".yaml", ".g2o"):
-            raise ValueError(f"--topic is one of a ROS bag, and {source.name} is none")
+            raise ValueError(f"--topic is one of a ROS bag, and {source} is none")
         write = _writer(source, target, end, _TRAJECTORIES)
         trajectory = _of_topic(source, topic)
         write(target, trajectory)
@@ -73,7 +73,7 @@ def convert(
         write = _writer(source, target, end, _TRAJECTORIES)
         trajectory, _ = read_trajectory(source)
         if len(trajectory) == 0:
-            raise ValueError(f"{source.name}: no pose in it")
+            raise ValueError(f"{source}: no pose in it")
         write(target, trajectory)
         return f"{target}: {len(trajectory)} poses"
     if source.suffix == ".kitasap":
@@ -103,7 +103,7 @@ def _writer(
     """What writes a target, if it can be made of the source and is not there yet."""
     if end not in writers:
         raise ValueError(
-            f"of {source.name} no '{end or target.name}' can be made, but {', '.join(writers)}"
+            f"of {source} no '{end or target.name}' can be made, but {', '.join(writers)}"
         )
     if end == ".mcap":
         checked_bag(target)

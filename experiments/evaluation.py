@@ -141,8 +141,8 @@ def evaluated_files(
             is_stamped or len(trajectory) == len(reference)
         ):
             raise ValueError(
-                f"{trajectory_path.name} has {len(trajectory)} poses{_of_format(is_stamped)}, and"
-                f" {reference_path.name} {len(reference)}{_of_format(is_reference_stamped)}; expected"
+                f"{trajectory_path} has {len(trajectory)} poses{_of_format(is_stamped)}, and"
+                f" {reference_path} {len(reference)}{_of_format(is_reference_stamped)}; expected"
                 " stamps in both, or in neither and as many poses: those of KITTI go line by line"
             )
     relations = None if relations_path is None else read_related(relations_path)
@@ -151,8 +151,8 @@ def evaluated_files(
         odometry = odometry_of(odometry_path)
         if not np.isfinite(PoseLookup(odometry).at(trajectory.times_s)).any():
             raise ValueError(
-                f"{odometry_path.name} has odometry from {span(odometry.times_s)} s, and no pose of"
-                f" {trajectory_path.name} is of that time: {span(trajectory.times_s)} s"
+                f"{odometry_path} has odometry from {span(odometry.times_s)} s, and no pose of"
+                f" {trajectory_path} is of that time: {span(trajectory.times_s)} s"
             )
     relations_of = None if relations_path is None else relations_path.name
     return evaluated(trajectory, reference, relations, odometry, relations_of)
@@ -166,7 +166,7 @@ def odometry_of(path: Path) -> Trajectory:
 def odometry_of_log(log: Log) -> Trajectory:
     """The same of a log that was read. Raises ValueError where it has scans alone."""
     if not log.has_odometry:
-        raise ValueError(f"{log.name}: no odometry in this log, only scans")
+        raise ValueError(f"{log.told_as}: no odometry in this log, only scans")
     rows = np.array([(record.time_s, *record.T_odom_base.as_array()) for record in log.records])
     return Trajectory(rows[:, 0], rows[:, 1:])
 

@@ -71,11 +71,11 @@ def read_house(path: Path) -> House:
         fields = json.loads(content)
     except (ValueError, RecursionError) as error:
         reason = "nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise ValueError(f"{path.name}: not a JSON file ({reason[:200]})") from None
+        raise ValueError(f"{path}: not a JSON file ({reason[:200]})") from None
     try:
         return _house(fields)
     except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from None
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _house(fields: object) -> House:

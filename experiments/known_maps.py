@@ -82,13 +82,12 @@ def map_to_continue(path: Path) -> SlamMap:
     check_is_no_folder(path)
     if is_log(path):
         raise ValueError(
-            f"{path.name}: is a log and no map: --map takes the map.kitasap that slam wrote, and the"
+            f"{path}: is a log and no map: --map takes the map.kitasap that slam wrote, and the"
             " log stands without an option"
         )
     if path.suffix in _DESCRIPTIONS and path.exists():
         raise ValueError(
-            f"{path.name}: is a ROS map, which cannot be continued: give the map.kitasap that slam"
-            " wrote"
+            f"{path}: is a ROS map, which cannot be continued: give the map.kitasap that slam wrote"
         )
     return read_slam_map(path)
 
@@ -99,7 +98,7 @@ def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...
     check_is_no_folder(path)
     if is_log(path):
         raise ValueError(
-            f"{path.name}: is a log and no map: the map (map.yaml or map.kitasap) comes first, then"
+            f"{path}: is a log and no map: the map (map.yaml or map.kitasap) comes first, then"
             " the log"
         )
     if path.suffix in _PICTURES and path.exists():
@@ -107,7 +106,7 @@ def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...
     if path.suffix == ".kitasap":
         slam_map = read_slam_map(path)
         reasons = slam_map.verdict.reasons
-        said = (f"{path.name} was called failed when it was made: {reasons[0]}",) if reasons else ()
+        said = (f"{path} was called failed when it was made: {reasons[0]}",) if reasons else ()
         return slam_map.known(laser), said
     grid = read_map(path)
     try:

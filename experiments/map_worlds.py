@@ -62,7 +62,7 @@ def map_world(
     try:
         return _made(grid, path.stem, height_m, speck_cells, start)
     except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from None
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _made(

@@ -34,7 +34,7 @@ def read_plan(path: Path) -> FloorPlan:
     try:
         return _plan(fields)
     except ValueError as error:
-        raise ValueError(f"{path.name}: {error}") from None
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _plan(fields: object) -> FloorPlan:

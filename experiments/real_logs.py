@@ -132,8 +132,8 @@ def run(
     rows = list(referenced(log, reference, config.range_max_m))
     if len(rows) < 2:
         raise ValueError(
-            f"{log.name}: {len(rows)} of {log.scan_count} scans have a pose of the same"
-            f" stamp in {Path(reference_path).name}; the trial needs at least two"
+            f"{log.told_as}: {len(rows)} of {log.scan_count} scans have a pose of the same"
+            f" stamp in {reference_path}; the trial needs at least two"
         )
     points = points_of_scans(rows[::2], log.T_base_laser, config.map_spacing_m)
     known = KnownMap(

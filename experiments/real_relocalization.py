@@ -171,7 +171,7 @@ def run(
     needed = 2 if protocol == "each" else 4 * (jumps + 1)
     if len(rows) < needed:
         raise ValueError(
-            f"{log.name}: {len(rows)} scans have a reference pose in {reference_path.name}, this"
+            f"{log.told_as}: {len(rows)} scans have a reference pose in {reference_path}, this"
             f" needs {needed}"
         )
     mount = log.T_base_laser

@@ -94,6 +94,6 @@ def check_same_time(log: Log, times_s: FloatArray, path: Path) -> None:
     stamps_s = np.array([record.time_s for record in log.records])
     if not ((times_s >= stamps_s.min()) & (times_s <= stamps_s.max())).any():
         raise ValueError(
-            f"{path.name} is of {span(times_s)} s, and {log.name} of {span(stamps_s)} s: is it that"
+            f"{path} is of {span(times_s)} s, and {log.told_as} of {span(stamps_s)} s: is it that"
             " of another log?"
         )

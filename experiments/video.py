@@ -21,7 +21,7 @@ _MOST_BYTES = 3_000_000
 def checked_video(path: Path, option: str = "--video") -> Path:
     """The path, if a video can be written so; ValueError for another ending, or no encoder."""
     if path.suffix.lower() not in (".gif", ".mp4"):
-        raise ValueError(f"{option} takes a file that ends in .gif or .mp4, not {path.name}")
+        raise ValueError(f"{option} takes a file that ends in .gif or .mp4, not {path}")
     if path.suffix.lower() == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise ValueError(
             "an .mp4 needs imageio-ffmpeg: pip install 'kitasap[video]', or give a .gif instead"

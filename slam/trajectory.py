@@ -96,7 +96,7 @@ def read_tum(path: str | Path) -> Trajectory:
     """
     path = Path(path)
     rows = [
-        _tum_row(fields, f"{path.name} line {number}")
+        _tum_row(fields, f"{path} line {number}")
         for number, fields in rows_of_numbers(path, "a TUM trajectory")
     ]
     return Trajectory(

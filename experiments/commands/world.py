@@ -105,7 +105,7 @@ def from_houseexpo(
     try:
         blocks = found.blocks(height)
     except ValueError as error:
-        raise ValueError(f"{house.name}: {error}") from None
+        raise ValueError(f"{house}: {error}") from None
     at = None if T_start is None else (T_start.x, T_start.y, T_start.theta)
     _write_solids(out, house, blocks, at, "--start X Y HEADING")
     if found.rooms is not None:
@@ -142,11 +142,11 @@ def _write_solids(
         x, y, heading = place.start.tolist()
     except NoRoomError:
         raise ValueError(
-            f"{source.name}: nowhere within its walls are {KITASAP2.radius_m} m of room around the"
+            f"{source}: nowhere within its walls are {KITASAP2.radius_m} m of room around the"
             f" robot: are they closed? Or tell where it starts, by {told_by}"
         ) from None
     except ValueError as error:
-        raise ValueError(f"{source.name}: {error}") from None
+        raise ValueError(f"{source}: {error}") from None
     _write(out, place_mjcf(source.stem, made, solids, (x, y, heading)))
     print(f"{len(solids)} solids, {free_m2:.1f} m2 for the robot's middle")
     print(f"start: {x:.2f} {y:.2f} {heading:.2f}")

@@ -72,12 +72,12 @@ def load_network(path: Path) -> Layers:
                 number = len(layers)
                 layers.append((arrays[f"weights_{number}"], arrays[f"biases_{number}"]))
     except (OSError, EOFError, ValueError, KeyError) as error:
-        raise ValueError(f"{path.name}: no network of the trained policy ({error})") from error
+        raise ValueError(f"{path}: no network of the trained policy ({error})") from error
     sizes = [(weights.shape[1], weights.shape[0]) for weights, _ in layers]
     is_chain = all(one[1] == other[0] for one, other in itertools.pairwise(sizes))
     if not layers or sizes[0][0] != FEATURES or sizes[-1][1] != _ACTIONS or not is_chain:
         raise ValueError(
-            f"{path.name}: layers of {sizes}, where {FEATURES} features and {_ACTIONS} actions are"
+            f"{path}: layers of {sizes}, where {FEATURES} features and {_ACTIONS} actions are"
             " expected"
         )
     return layers

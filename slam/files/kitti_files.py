@@ -39,7 +39,7 @@ def read_kitti(path: str | Path) -> Trajectory:
     path = Path(path)
     rows = []
     for number, fields in rows_of_numbers(path, "a TUM or KITTI trajectory"):
-        place = f"{path.name} line {number}"
+        place = f"{path} line {number}"
         if len(fields) != _NUMBERS:
             raise ValueError(f"{place}: expected {_NUMBERS} numbers, found {len(fields)}")
         rows.append(_pose(np.array(numbers(fields, place)).reshape(3, 4), place))

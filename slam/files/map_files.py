@@ -105,16 +105,16 @@ def write_map(
     """
     path = Path(path_yaml)
     if path.suffix not in (".yaml", ".yml"):
-        raise ValueError(f"{path.name}: a map's file must end in .yaml, its image lies beside it")
+        raise ValueError(f"{path}: a map's file must end in .yaml, its image lies beside it")
     if mode not in get_args(MapMode):
-        raise ValueError(f"{path.name}: mode must be trinary, scale or raw, not {mode!r}")
+        raise ValueError(f"{path}: mode must be trinary, scale or raw, not {mode!r}")
     image = image or ("png" if mode == "scale" else "pgm")
     if image not in _PILLOW_FORMATS:
-        raise ValueError(f"{path.name}: image must be pgm or png, not {image!r}")
+        raise ValueError(f"{path}: image must be pgm or png, not {image!r}")
     pixels = _pixels(grid, mode)[::-1]
     if mode == "scale" and image == "pgm":
         if (grid.cells == UNKNOWN).any():
-            raise ValueError(f"{path.name}: in scale mode a pgm cannot say unknown; take png")
+            raise ValueError(f"{path}: in scale mode a pgm cannot say unknown; take png")
         pixels = pixels[..., 0]
     image_path = path.with_suffix(f".{image}")
     encoded = io.BytesIO()
@@ -142,14 +142,14 @@ def _read_header(path: Path) -> _Header:
     fields = read_yaml(path)
     if not isinstance(fields, dict):
         found = "nothing" if not fields else f"a {type(fields).__name__}"
-        raise ValueError(f"{path.name}: expected keys such as image and resolution, found {found}")
+        raise ValueError(f"{path}: expected keys such as image and resolution, found {found}")
     # nav2 and ROS 1 refuse a map without its thresholds alike: the defaults are map_saver's
     image = _field(fields, "image", path)
     if not isinstance(image, str) or not image or "\0" in image:
-        raise ValueError(f"{path.name}: image must be the name of a file, not {shown(image)}")
+        raise ValueError(f"{path}: image must be the name of a file, not {shown(image)}")
     resolution_m = _number(fields, "resolution", path)
     if not resolution_m > 0.0:
-        raise ValueError(f"{path.name}: resolution must be above 0 m, not {resolution_m}")
+        raise ValueError(f"{path}: resolution must be above 0 m, not {resolution_m}")
     return _Header(
         _beside(path, image),
         resolution_m,
@@ -163,7 +163,7 @@ def _read_header(path: Path) -> _Header:
 def _field(fields: dict[object, object], key: str, path: Path) -> object:
     if key not in fields:
         known = in_one_line(", ".join(map(str, fields)), 200) or "none"
-        raise ValueError(f"{path.name}: the key {key} is missing (found: {known})")
+        raise ValueError(f"{path}: the key {key} is missing (found: {known})")
     return fields[key]
 
 
@@ -177,18 +177,18 @@ def _finite(value: object, key: str, path: Path) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise ValueError(f"{path.name}: {key} must be a number, not {shown(value)}")
+        raise ValueError(f"{path}: {key} must be a number, not {shown(value)}")
     return number
 
 
 def _origin(fields: dict[object, object], path: Path) -> SE2:
     origin = _field(fields, "origin", path)
     if not isinstance(origin, list) or len(origin) != 3:
-        raise ValueError(f"{path.name}: origin must be a list of x, y and yaw, not {shown(origin)}")
+        raise ValueError(f"{path}: origin must be a list of x, y and yaw, not {shown(origin)}")
     x, y, yaw = (_finite(value, "origin", path) for value in origin)
     if max(abs(x), abs(y), abs(yaw)) > FARTHEST_M:
         raise ValueError(
-            f"{path.name}: origin must be x and y in metres and a yaw in radians, none beyond"
+            f"{path}: origin must be x and y in metres and a yaw in radians, none beyond"
             f" {FARTHEST_M:g}, not {shown(origin)}; give where the lower left corner of the map lies"
         )
     return SE2(x, y, yaw)
@@ -200,7 +200,7 @@ def _mode(fields: dict[object, object], path: Path) -> MapMode:
     for one in known:
         if mode == one:
             return one
-    raise ValueError(f"{path.name}: mode must be trinary, scale or raw, not {shown(mode)}")
+    raise ValueError(f"{path}: mode must be trinary, scale or raw, not {shown(mode)}")
 
 
 def _is_negated(fields: dict[object, object], path: Path) -> bool:
@@ -211,7 +211,7 @@ def _is_negated(fields: dict[object, object], path: Path) -> bool:
         return word == "1"
     if word in _TRUE or word in _FALSE:
         return word in _TRUE
-    raise ValueError(f"{path.name}: negate must be 0 or 1, true or false, not {shown(negate)}")
+    raise ValueError(f"{path}: negate must be 0 or 1, true or false, not {shown(negate)}")
 
 
 def _thresholds(fields: dict[object, object], path: Path) -> tuple[float, float]:
@@ -220,8 +220,7 @@ def _thresholds(fields: dict[object, object], path: Path) -> tuple[float, float]
     free = _number(fields, "free_thresh", path)
     if not 0.0 <= free < occupied <= 1.0:
         raise ValueError(
-            f"{path.name}: expected 0 <= free_thresh < occupied_thresh <= 1,"
-            f" found {free} and {occupied}"
+            f"{path}: expected 0 <= free_thresh < occupied_thresh <= 1, found {free} and {occupied}"
         )
     return occupied, free
 
@@ -262,7 +261,7 @@ def _beside(path: Path, image: str) -> Path:
     folders = {path.parent.resolve(), path.resolve().parent}
     if not any(found.resolve().is_relative_to(folder) for folder in folders):
         raise ValueError(
-            f"{path.name}: its image {shown(image)} lies outside of its folder, where nothing is"
+            f"{path}: its image {shown(image)} lies outside of its folder, where nothing is"
             f" read: put it beside {path.name}, and write image: {os.path.basename(image)[:60]}"
         )
     return found
@@ -282,18 +281,18 @@ def _decoded(path: Path) -> Image.Image:
                 picture.load()
     except UnidentifiedImageError as error:
         known = ", ".join(name.lower() for name in ("PGM", *_READ_FORMATS[1:]))
-        raise ValueError(f"{path.name}: not an image of a known format ({known})") from error
+        raise ValueError(f"{path}: not an image of a known format ({known})") from error
     except Image.DecompressionBombError as error:
-        raise ValueError(f"{path.name}: far too many cells; {_TOO_LARGE}") from error
+        raise ValueError(f"{path}: far too many cells; {_TOO_LARGE}") from error
     except Exception as error:
         # the decoders raise what they like: OSError, SyntaxError, struct.error, zlib.error ...
         reason = " ".join(str(error).split())
-        raise ValueError(f"{path.name}: the image is cut or damaged ({reason})") from error
+        raise ValueError(f"{path}: the image is cut or damaged ({reason})") from error
     if is_too_large:
-        raise ValueError(f"{path.name}: {columns} x {rows} cells; {_TOO_LARGE}")
+        raise ValueError(f"{path}: {columns} x {rows} cells; {_TOO_LARGE}")
     is_deep = picture.mode == "I" and picture.format in ("PPM", "PNG")
     if picture.mode in ("I", "F") and not is_deep:
-        raise ValueError(f"{path.name}: expected 8 or 16 bits a pixel, found 32")
+        raise ValueError(f"{path}: expected 8 or 16 bits a pixel, found 32")
     return picture
 
 

@@ -86,14 +86,14 @@ def read_slam_map(path: str | Path) -> SlamMap:
         kind, version = str(arrays["kind"]), int(arrays["version"])
     except _DAMAGES as error:
         raise ValueError(
-            f"{path.name}: expected a map written by this library, and it is cut, damaged or"
+            f"{path}: expected a map written by this library, and it is cut, damaged or"
             f" something else ({' '.join(str(error).split())[:200]})"
         ) from None
     if kind != _KIND:
-        raise ValueError(f"{path.name}: expected a {_KIND}, not a {kind[:80]!r}")
+        raise ValueError(f"{path}: expected a {_KIND}, not a {kind[:80]!r}")
     if not 1 <= version <= VERSION:
         raise ValueError(
-            f"{path.name}: its version is {version}, and this library reads"
+            f"{path}: its version is {version}, and this library reads"
             f" 1 to {VERSION}: install the one that wrote it"
         )
     if version == 1:
@@ -112,7 +112,7 @@ def read_slam_map(path: str | Path) -> SlamMap:
             arrays[name] = np.where(np.isnan(arrays[name]), np.nan, arrays[name])
         return _map_of(arrays)
     except (KeyError, IndexError, TypeError, ValueError) as error:
-        raise ValueError(f"{path.name}: the arrays in it do not make a map ({error})") from None
+        raise ValueError(f"{path}: the arrays in it do not make a map ({error})") from None
 
 
 def _arrays_of(slam_map: SlamMap) -> _Arrays:

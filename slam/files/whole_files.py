@@ -31,7 +31,7 @@ def opened(path: Path) -> BinaryIO:
     when it cannot be opened.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise ValueError(f"{path.name}: a pipe or a device; expected a file")
+        raise ValueError(f"{path}: a pipe or a device; expected a file")
     return path.open("rb")
 
 
@@ -43,7 +43,7 @@ def read_text(path: Path, what: str) -> str:
         with io.TextIOWrapper(opened(path), encoding="utf-8") as file:
             return file.read()
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name}: binary, not {what}") from error
+        raise ValueError(f"{path}: binary, not {what}") from error
 
 
 def read_at_most(path: Path, most_bytes: int) -> bytes:
@@ -58,7 +58,5 @@ def read_at_most(path: Path, most_bytes: int) -> bytes:
         while len(content) <= most_bytes and (part := file.read(_PART_BYTES)):
             content += part
     if len(content) > most_bytes:
-        raise ValueError(
-            f"{path.name}: longer than the {most_bytes / 1e6:g} MB that are read of one"
-        )
+        raise ValueError(f"{path}: longer than the {most_bytes / 1e6:g} MB that are read of one")
     return bytes(content)

@@ -39,7 +39,7 @@ def read_yaml(path: Path) -> object:
         return yaml.load(content, Loader=_TextLoader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise ValueError(f"{path.name}: not a YAML file ({reason})") from error
+        raise ValueError(f"{path}: not a YAML file ({reason})") from error
 
 
 def shown(value: object) -> str:

@@ -24,9 +24,9 @@ def read_relations(path: str | Path) -> Relations:
     for number, line in enumerate(text.splitlines(), start=1):
         fields = line.split("#", maxsplit=1)[0].split()
         if fields:
-            rows.append(_row(fields, f"{path.name} line {number}"))
+            rows.append(_row(fields, f"{path} line {number}"))
     if not rows:
-        raise ValueError(f"{path.name}: no relation in it, lines of {_HEADER.removeprefix('# ')}")
+        raise ValueError(f"{path}: no relation in it, lines of {_HEADER.removeprefix('# ')}")
     values = np.array(rows)
     return Relations(values[:, :2], values[:, [2, 3, 7]])
 

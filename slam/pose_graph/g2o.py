@@ -65,7 +65,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
     edges: list[tuple[str, int, int, SE2, np.ndarray, EdgeKernel]] = []
     kernel: EdgeKernel | None = None
     for number, line in enumerate(lines, start=1):
-        place = f"{path.name} line {number}"
+        place = f"{path} line {number}"
         if line.startswith(_KERNEL):
             kernel = _kernel(line, place)
         fields = line.split()
@@ -98,9 +98,9 @@ def read_g2o(path: str | Path) -> PoseGraph:
             (place, i, j, SE2(*values[:3]), information, usual if kernel is None else kernel)
         )
     if not vertices:
-        raise ValueError(f"{path.name}: no VERTEX_SE2 in it, not a g2o pose graph")
-    _check_whole(path.name, text, len(vertices), len(edges))
-    return _graph(path.name, vertices, fixed, edges)
+        raise ValueError(f"{path}: no VERTEX_SE2 in it, not a g2o pose graph")
+    _check_whole(str(path), text, len(vertices), len(edges))
+    return _graph(str(path), vertices, fixed, edges)
 
 
 def _graph(

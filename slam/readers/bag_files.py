@@ -85,7 +85,7 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self.name = path.name or str(path)
+        self.path, self.name = path, path.name or str(path)
         self._files, self._is_each_compressed = _files(path)
         counts: dict[tuple[str, str], int] = {}
         for file in self._files:
@@ -95,7 +95,7 @@ class Bag:
         for key in counts:
             # of SQLite, whatever stands there
             if not all(isinstance(one, str) and one.isprintable() for one in key):
-                raise ValueError(f"{self.name}: damaged, a topic and its type are {key!r:.160}")
+                raise ValueError(f"{self.path}: damaged, a topic and its type are {key!r:.160}")
         self.topics = tuple(Topic(*key, count) for key, count in sorted(counts.items()))
 
     def messages(self, names: Collection[str]) -> Generator[BagMessage]:
@@ -106,7 +106,7 @@ class Bag:
                 wanted = [one for (name, _), one in self._connections(reader) if name in numbers]
                 if not wanted:
                     continue
-                types = _Types(self.name, isinstance(reader, rosbag1.Reader), wanted)
+                types = _Types(isinstance(reader, rosbag1.Reader), wanted)
                 for connection, logged_ns, raw in reader.messages(wanted):
                     numbers[connection.topic] += 1
                     if self._is_each_compressed:
@@ -132,13 +132,12 @@ class Bag:
     @contextmanager
     def _opened(self, path: Path) -> Iterator[_Reader]:
         """A file of the bag; whatever its reader says of it becomes one line."""
-        name = self.name if path.name == self.name else f"{self.name}: {path.name}"
         with opened(path) as file:
             start = file.read(16)
         kind = _kind(start)
         if kind is None:
             raise ValueError(
-                f"{name}: begins {start!r}, as neither a ROS 1 bag does nor MCAP or SQLite: is it"
+                f"{path}: begins {start!r}, as neither a ROS 1 bag does nor MCAP or SQLite: is it"
                 " compressed, or no bag?"
             )
         reader = _READERS[kind](path)
@@ -152,8 +151,8 @@ class Bag:
             if isinstance(error, OSError) and error.errno is not None:
                 raise
             if isinstance(error, _NotOfRosError):
-                raise ValueError(f"{name}: {error}") from error
-            raise ValueError(f"{name}: cut or damaged{_hint(kind)} ({_said(error)})") from error
+                raise ValueError(f"{path}: {error}") from error
+            raise ValueError(f"{path}: cut or damaged{_hint(kind)} ({_said(error)})") from error
 
 
 class _NotOfRosError(ValueError):
@@ -163,7 +162,7 @@ class _NotOfRosError(ValueError):
 class _Types:
     """The messages of some topics, by ROS's definitions of their types."""
 
-    def __init__(self, name: str, is_ros1: bool, connections: list[Connection]) -> None:
+    def __init__(self, is_ros1: bool, connections: list[Connection]) -> None:
         self._is_ros1, self._store = is_ros1, _store(is_ros1)
         for one in connections:
             type_name = _type(one)
@@ -229,18 +228,18 @@ def _files(path: Path) -> tuple[list[Path], bool]:
     metadata = _metadata(path)
     names = metadata.get("relative_file_paths")
     if not isinstance(names, list) or not names or not all(isinstance(n, str) for n in names):
-        raise ValueError(f"{path.name}: metadata.yaml names no files in relative_file_paths")
+        raise ValueError(f"{path}: metadata.yaml names no files in relative_file_paths")
     mode = str(metadata.get("compression_mode") or "none").lower()
     if mode not in ("none", "message", "file"):
-        raise ValueError(f"{path.name}: metadata.yaml has an unknown compression_mode '{mode}'")
+        raise ValueError(f"{path}: metadata.yaml has an unknown compression_mode '{mode}'")
     packing = metadata.get("compression_format")
     if mode == "file":
         raise ValueError(
-            f"{path.name}: its files are compressed as a whole ({packing}); unpack them first, as by"
+            f"{path}: its files are compressed as a whole ({packing}); unpack them first, as by"
             f" `ros2 bag convert` or `zstd -d`, and give the .mcap or .db3"
         )
     if mode == "message" and packing != "zstd":
-        raise ValueError(f"{path.name}: its messages are compressed as {packing}; expected zstd")
+        raise ValueError(f"{path}: its messages are compressed as {packing}; expected zstd")
     # older bags have the folder's name in front; a name never leads out of the folder
     return [path / PurePath(name).name for name in names], mode == "message"
 
@@ -250,25 +249,25 @@ def _metadata(folder: Path) -> dict[str, Any]:
     path = folder / "metadata.yaml"
     if not path.exists():
         files = [file for end in (".mcap", ".db3", ".bag") for file in folder.glob(f"*{end}")]
-        found = ", ".join(sorted(file.name for file in files)[:5])
+        found = ", ".join(sorted(map(str, files))[:5])
         raise ValueError(
-            f"{folder.name or folder}: a folder without metadata.yaml is no ROS 2 bag; "
+            f"{folder}: a folder without metadata.yaml is no ROS 2 bag; "
             + (f"give one of its files: {found}" if found else "nor does it hold a bag's file")
         )
     with opened(path) as file:
         content = file.read(_LARGEST_METADATA + 1)
     if len(content) > _LARGEST_METADATA:
-        raise ValueError(f"{folder.name}: metadata.yaml is larger than {_LARGEST_METADATA} bytes")
+        raise ValueError(f"{folder}: metadata.yaml is larger than {_LARGEST_METADATA} bytes")
     try:
         loaded = yaml.safe_load(content)
         metadata = loaded["rosbag2_bagfile_information"]
     except (yaml.YAMLError, LookupError, TypeError, RecursionError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
         raise ValueError(
-            f"{folder.name}: metadata.yaml is not that of a ROS 2 bag ({reason})"
+            f"{folder}: metadata.yaml is not that of a ROS 2 bag ({reason})"
         ) from error
     if not isinstance(metadata, dict):
-        raise ValueError(f"{folder.name}: metadata.yaml is not that of a ROS 2 bag")
+        raise ValueError(f"{folder}: metadata.yaml is not that of a ROS 2 bag")
     return metadata
 
 

@@ -25,13 +25,13 @@ def read_bag_trajectory(path: str | Path, topic: str) -> Trajectory:
     name = topic if topic.startswith("/") else f"/{topic}"
     if not any(one.name == name and one.type in _TYPES and one.count for one in bag.topics):
         raise ValueError(
-            f"{bag.name}: {topic} is no topic of {', '.join(_TYPES)} in it; {bag.listed()}"
+            f"{bag.path}: {topic} is no topic of {', '.join(_TYPES)} in it; {bag.listed()}"
         )
     rows = []
     for message in bag.messages([name]):
         header, pose = message.content.header, _pose_of(message.content)
         found = planar(pose.position, pose.orientation)
-        place = f"{bag.name}: {name} message {message.number}"
+        place = f"{bag.path}: {name} message {message.number}"
         if found is None:
             raise ValueError(
                 f"{place}: a pose is not finite, absurdly far, or its quaternion not of length 1"

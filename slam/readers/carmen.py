@@ -82,16 +82,17 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
     cut, or has no scan in it; OSError when the file cannot be opened.
     """
     path, config = Path(path), config or CarmenConfig()
-    survey = _Survey(path.name, config.fan)
+    survey = _Survey(str(path), config.fan)
     for number, fields, is_cut in _lines(path):
         with told_if_cut(is_cut):
-            survey.add(fields, f"{path.name} line {number}", config)
+            survey.add(fields, f"{path} line {number}", config)
     laser = survey.chosen_laser(config)
     has_poses, is_silent = survey.has_poses(laser), survey.is_silent(laser)
     has_odometry = has_poses and not is_silent
     is_own = survey.own_parts[laser].is_own
     return Log(
         name=path.name,
+        path=path,
         T_base_laser=survey.mounting(laser, config),
         scan_count=survey.counts[laser],
         records=LogRecords(
@@ -109,7 +110,7 @@ def _records(path: Path, laser: str, fan: Fan) -> Iterator[LogRecord]:
     """The records of a file, one after the other."""
     waiting = ScansBetweenPoses()
     for number, fields, _ in _lines(path):
-        place = f"{path.name} line {number}"
+        place = f"{path} line {number}"
         if fields[0] == "ODOM":
             yield from waiting.add_pose(*odometry_of(fields, place))
         elif fields[0] == laser:
@@ -254,7 +255,7 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str], bool]]:
         fields, is_cut = line.split(), not line.endswith("\n")
         if fields and is_cut and _is_cut(fields[0]):
             with told_if_cut(is_cut):
-                raise ValueError(f"{path.name} line {number}: cut within its first word")
+                raise ValueError(f"{path} line {number}: cut within its first word")
         if fields and not fields[0].startswith("#"):
             yield number, fields, is_cut
 

@@ -37,19 +37,19 @@ def text_lines(path: Path, kind: str) -> Iterator[tuple[int, str]]:
                     most = size + _OFTEN_BYTES
                     if size > _MOST_TIMES * packed.tell():
                         raise ValueError(
-                            f"{path.name}: unpacks to more than {_MOST_TIMES} times its size: no log"
+                            f"{path}: unpacks to more than {_MOST_TIMES} times its size: no log"
                             " of a laser, whose ranges differ"
                         )
                 if b"\0" in line or len(line) == _LONGEST_LINE:
-                    raise ValueError(f"{path.name} line {number}: binary, not {kind}")
+                    raise ValueError(f"{path} line {number}: binary, not {kind}")
                 # names in a comment may be of any alphabet
                 is_comment = line.lstrip().startswith(b"#")
                 yield number, line.decode("utf-8", errors="replace" if is_comment else "strict")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path.name} line {number}: binary, not {kind}") from error
+        raise ValueError(f"{path} line {number}: binary, not {kind}") from error
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise ValueError(
-            f"{path.name}: the gzip file is cut or damaged after line {number} ({error})"
+            f"{path}: the gzip file is cut or damaged after line {number} ({error})"
         ) from error
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
@@ -54,6 +55,7 @@ class LogRecords:
 class Log:
     """A log that was read through once, and found whole; none of its scans is kept.
 
+    path: where it was read from, as it was given; None of one that was made.
     has_odometry: False where the log has scans alone; the motions are then nothing but a guess.
     is_blind: True where no beam of any scan came back.
     wheels: of a log of encoder ticks; with_wheels: the same log by other wheels. notes: in words, what
@@ -70,12 +72,18 @@ class Log:
     wheels: WheelModel | None = None
     with_wheels: Callable[[WheelModel], Log] | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
+    path: Path | None = None
+
+    @property
+    def told_as(self) -> str:
+        """What messages call it: its path, by which it is found, or its name where it has none."""
+        return self.name if self.path is None else str(self.path)
 
     def check_sees(self) -> None:
         """Raises ValueError, in one line that names the log, where there is nothing to map."""
         if self.is_blind:
             raise ValueError(
-                f"{self.name}: none of the {self.scan_count} scans has a beam that came back: all"
+                f"{self.told_as}: none of the {self.scan_count} scans has a beam that came back: all"
                 " ranges are nan, not above 0, one and the same, or no return; expected ranges to walls,"
                 " in metres"
             )

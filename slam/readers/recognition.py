@@ -39,11 +39,9 @@ def read_log(path: str | Path, choice: LogChoice | None = None) -> Log:
     T_base_laser = choice.T_base_laser
     kind, found = _kind_of_text(path)
     if kind is None:
-        raise ValueError(f"{path.name}: {found}; expected {_EXPECTED}")
+        raise ValueError(f"{path}: {found}; expected {_EXPECTED}")
     if choice.scan_topic is not None or choice.odom_topic is not None:
-        raise ValueError(
-            f"{path.name}: --scan-topic and --odom-topic are of ROS bags, and this is none"
-        )
+        raise ValueError(f"{path}: --scan-topic and --odom-topic are of ROS bags, and this is none")
     if kind == "carmen":
         return read_carmen(path, CarmenConfig(T_base_laser=T_base_laser))
     ticks = TicksConfig()
@@ -89,15 +87,14 @@ def _is_bag(path: Path) -> bool:
 
 
 def _read_bag(path: Path, choice: LogChoice) -> Log:
-    name = path.name or path  # the current folder has none
     # said without rosbags, too
     if path.is_dir() and not any(any(path.glob(each)) for each in _OF_BAG_FOLDERS):
-        raise ValueError(f"{name}: is a folder without {_NO_BAG}: give the log")
+        raise ValueError(f"{path}: is a folder without {_NO_BAG}: give the log")
     try:
         from slam.readers.ros_bag import read_ros_bag
     except ImportError as error:
         raise ImportError(
-            f"{name} is a ROS bag, and to read it {error.name} is missing:"
+            f"{path} is a ROS bag, and to read it {error.name} is missing:"
             " pip install 'kitasap[ros]'"
         ) from error
     return read_ros_bag(path, choice)

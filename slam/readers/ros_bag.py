@@ -75,10 +75,10 @@ def read_ros_bag(
     survey = _Survey()
     for record in _records(sources):
         survey.add(record, sources.odometry is not None)
-    survey.check(bag.name, sources)
+    survey.check(str(bag.path), sources)
     sources = replace(sources, no_return_m=survey.codes.no_return_m)
     if survey.scans == 0:
-        raise ValueError(f"{bag.name}: no scan on {sources.scans} has a beam; {bag.listed()}")
+        raise ValueError(f"{bag.path}: no scan on {sources.scans} has a beam; {bag.listed()}")
     has_odometry = sources.odometry is not None and not survey.wheels.is_silent
     if sources.odometry is not None and not has_odometry:
         notes.append(SILENT)
@@ -86,6 +86,7 @@ def read_ros_bag(
     read = without_own_parts(partial(_records, sources), is_own)
     return Log(
         name=bag.name,
+        path=bag.path,
         T_base_laser=sources.mounting.T_base_laser,
         scan_count=survey.scans,
         records=LogRecords(survey.scans + survey.poses, read),
@@ -101,7 +102,7 @@ def _sources(bag: Bag, choice: LogChoice) -> tuple[_Sources, list[str]]:
     notes: list[str] = []
     scans = _topic(bag, choice.scan_topic, (LASER_SCAN,), "--scan-topic", ("/scan",), notes)
     if scans is None:
-        raise ValueError(f"{bag.name}: no {LASER_SCAN}, so no scan to work with; {bag.listed()}")
+        raise ValueError(f"{bag.path}: no {LASER_SCAN}, so no scan to work with; {bag.listed()}")
     laser = frame_name(_first(bag, scans).header.frame_id)
     transforms = Transforms()
     for message in bag.messages([topic.name for topic in bag.topics if topic.type == TF]):
@@ -115,7 +116,7 @@ def _sources(bag: Bag, choice: LogChoice) -> tuple[_Sources, list[str]]:
         odom, base = _odometry_frames(transforms, laser)
         odometry = odometry or next((t for t in bag.topics if t.type == TF and odom), None)
         if odom is None and choice.odom_topic is not None:
-            raise ValueError(f"{bag.name}: above {laser:.60} {choice.odom_topic} has no frame odom")
+            raise ValueError(f"{bag.path}: above {laser:.60} {choice.odom_topic} has no frame odom")
     mounting = _mounting(bag, choice, transforms, base, laser, odometry)
     by = f"the transform of {base:.60} in {odom:.60}" if odom else odometry and odometry.name
     said = f"odometry of {by}" if by else "no odometry: the scans alone tell the motion"
@@ -143,7 +144,7 @@ def _topic(
             if topic.name == name:
                 return topic
         raise ValueError(
-            f"{bag.name}: {option} {asked} is no topic of {' or '.join(types)} in it; {bag.listed()}"
+            f"{bag.path}: {option} {asked} is no topic of {' or '.join(types)} in it; {bag.listed()}"
         )
     if not found:
         return None
@@ -160,7 +161,7 @@ def _first(bag: Bag, topic: Topic) -> Any:
     try:
         return next(messages).content
     except StopIteration:
-        raise ValueError(f"{bag.name}: {topic.name} has no message, though it is said to") from None
+        raise ValueError(f"{bag.path}: {topic.name} has no message, though it is said to") from None
     finally:
         messages.close()
 
@@ -199,10 +200,10 @@ def _mounting(
             if mounting is not None:
                 return mounting
     except ValueError as error:
-        raise ValueError(f"{bag.name}: {error}; or give --mount") from error
+        raise ValueError(f"{bag.path}: {error}; or give --mount") from error
     frames = ", ".join(f"{frame:.60}" for frame in transforms.frames[:MOST_NAMED]) or "none"
     raise ValueError(
-        f"{bag.name}: no transform from {base or 'the robot':.60} to {laser:.60}, where"
+        f"{bag.path}: no transform from {base or 'the robot':.60} to {laser:.60}, where"
         f" {'scans' if odometry is None else odometry.name} would need it (frames in its tf:"
         f" {frames}); give --mount X Y HEADING of the laser on the robot"
     )
@@ -226,7 +227,7 @@ def _entries(sources: _Sources) -> Iterator[_Entry]:
     if sources.odom is not None:
         names |= {topic.name for topic in sources.bag.topics if topic.type == TF}
     for message in sources.bag.messages(names):
-        place = f"{sources.bag.name}: {message.topic} message {message.number}"
+        place = f"{sources.bag.path}: {message.topic} message {message.number}"
         if message.topic == sources.scans:
             stamp_s = _stamp_s(message.content.header, message)
             sweep = ScanMessage.of(message.content, stamp_s, place)

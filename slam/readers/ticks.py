@@ -142,7 +142,7 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
         codes.add(line.ranges_m, config.step_rad, (way_m, 0.0))
         own_parts.add(line.ranges_m)
     if not stamps_s:
-        raise ValueError(f"{path.name}: no line of ticks and ranges, so no scan to work with")
+        raise ValueError(f"{path}: no line of ticks and ranges, so no scan to work with")
     config = replace(config, range_max_m=min(config.range_max_m, codes.no_return_m))
     returned = nearest_m < config.range_max_m
     sweeps = _Sweeps.of(np.array(stamps_s), np.array(ticks), returned, config)
@@ -150,6 +150,7 @@ def read_ticks(path: str | Path, config: TicksConfig | None = None) -> Log:
     read = without_own_parts(partial(_records, path, config, sweeps), is_own)
     return Log(
         name=path.name,
+        path=path,
         T_base_laser=config.T_base_laser,
         scan_count=len(stamps_s),
         records=LogRecords(len(stamps_s), read),
@@ -178,7 +179,7 @@ def _lines(path: Path, config: TicksConfig) -> Iterator[_TicksLine]:
     """The lines that hold anything; all have as many ranges as the first."""
     expected = 0
     for number, text in text_lines(path, "a log of encoder ticks"):
-        fields, place = text.split(), f"{path.name} line {number}"
+        fields, place = text.split(), f"{path} line {number}"
         if not fields or fields[0].startswith("#"):
             continue
         expected = expected or len(fields)

@@ -73,8 +73,7 @@ def test_first_query_is_not_timed_with_what_it_compiles(monkeypatch):
 def test_too_many_jumps_are_refused_in_one_line(tmp_path, capsys):
     options = ("--protocol", "jumps", "--jumps", 1000, "--out", tmp_path / "out")
     assert line_of_refusal(capsys, real_log(*options)) == (
-        "fr101-excerpt.clf.gz: 20 scans have a reference pose in"
-        " fr101-excerpt.reference.tum, this needs 4004"
+        f"{LOG}: 20 scans have a reference pose in {REFERENCE}, this needs 4004"
     )
     assert not (tmp_path / "out").exists()
 

@@ -197,7 +197,9 @@ def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, c
     assert "session 2 of the map was never joined" in line
     # whoever localises on it is told
     _, (said,) = map_of_file(tmp_path / "map.kitasap", USUAL_LASER)
-    assert said.startswith("map.kitasap was called failed when it was made: session 2")
+    assert said.startswith(
+        f"{tmp_path / 'map.kitasap'} was called failed when it was made: session 2"
+    )
     assert map_of_file(path, USUAL_LASER)[1] == ()
 
 
@@ -275,7 +277,7 @@ def test_log_whose_laser_tells_nothing_is_refused_and_leaves_the_folder_as_it_wa
     for range_m in ("81.83", "nan", "0.0", "4000"):
         line = " ".join(["FLASER", "180", *[range_m] * 180, *["0"] * 6, "{}", "host", "{}"])
         log.write_text("\n".join(line.format(k, k) for k in range(3)) + "\n")
-        said = "blind.clf: none of the 3 scans has a beam that came back: "
+        said = f"{log}: none of the 3 scans has a beam that came back: "
         for command in (
             ("slam", log),
             ("real-log", log, "--protocol", "each", "--reference", REFERENCE),

@@ -22,15 +22,14 @@ def log(request, tmp_path) -> Path:
 
 def test_log_in_the_place_of_a_known_map_is_called_one(log, capsys, tmp_path):
     assert refusal(capsys, "localize", log, "map.yaml", "--out", tmp_path / "out") == (
-        f"{log.name}: is a log and no map: the map (map.yaml or map.kitasap) comes first, then the"
-        " log"
+        f"{log}: is a log and no map: the map (map.yaml or map.kitasap) comes first, then the log"
     )
 
 
 def test_log_in_the_place_of_a_map_to_continue_is_called_one(log, capsys, tmp_path):
     given = ("slam", "map.kitasap", "--map", log, "--out", tmp_path / "out")
     assert refusal(capsys, *given) == (
-        f"{log.name}: is a log and no map: --map takes the map.kitasap that slam wrote, and the log"
+        f"{log}: is a log and no map: --map takes the map.kitasap that slam wrote, and the log"
         " stands without an option"
     )
 
@@ -39,7 +38,7 @@ def test_ros_map_cannot_be_continued(capsys, tmp_path):
     (tmp_path / "map.yaml").write_text("image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
     given = ("slam", LOG, "--map", tmp_path / "map.yaml", "--out", tmp_path / "out")
     assert refusal(capsys, *given) == (
-        "map.yaml: is a ROS map, which cannot be continued: give the map.kitasap that slam wrote"
+        f"{tmp_path}/map.yaml: is a ROS map, which cannot be continued: give the map.kitasap that slam wrote"
     )
 
 

@@ -76,7 +76,7 @@ def test_beams_of_wide_sensors_are_told_by_their_number(tmp_path, count, first_d
 def test_unusual_number_of_beams_needs_its_step(tmp_path):
     path = written(tmp_path, flaser([1.0] * 7, SE2.identity(), 1.0))
     said = (
-        r"^a.clf line 1: .* its 7 beams point, .*: PARAM laser_front_laser_resolution 0.5 nohost 0$"
+        r"/a.clf line 1: .* its 7 beams point, .*: PARAM laser_front_laser_resolution 0.5 nohost 0$"
     )
     with pytest.raises(ValueError, match=said):
         read_carmen(path)
@@ -100,7 +100,7 @@ def test_unusual_number_of_beams_goes_by_the_parameter(tmp_path, count, step, fi
 def test_parameter_that_makes_no_fan_is_refused_where_it_is_needed(tmp_path, step):
     told = f"PARAM laser_front_laser_resolution {step} nohost 0"
     path = written(tmp_path, told, flaser([1.0] * 7, SE2.identity(), 1.0))
-    with pytest.raises(ValueError, match=rf"^a.clf line 2: 7 beams {step} degrees apart"):
+    with pytest.raises(ValueError, match=rf"/a.clf line 2: 7 beams {step} degrees apart"):
         read_carmen(path)
     # those of SICK units are known, whatever the parameter says
     assert read_carmen(written(tmp_path, told, flaser(RANGES, SE2.identity(), 1.0))).scan_count == 1
@@ -206,7 +206,7 @@ GOOD = flaser(RANGES, SE2.identity(), 1.0)
 )
 def test_broken_line_is_named_in_one_line(tmp_path, last_line, message):
     path = written(tmp_path, "# comment", GOOD, last_line)
-    with pytest.raises(ValueError, match=rf"^a.clf line 3: {message}$"):
+    with pytest.raises(ValueError, match=rf"/a.clf line 3: {message}$"):
         read_carmen(path)
 
 
@@ -214,7 +214,7 @@ def test_log_without_a_scan_is_refused(tmp_path):
     for lines in ([odom(0, 0, 0, 1)], [""], ["just some text"]):
         with pytest.raises(
             ValueError,
-            match=r"^a.clf: no FLASER, ROBOTLASER1 or RAWLASER line, so no scan to work with$",
+            match=r"/a.clf: no FLASER, ROBOTLASER1 or RAWLASER line, so no scan to work with$",
         ):
             read_carmen(written(tmp_path, *lines))
 
@@ -224,7 +224,7 @@ def test_cut_gzip_is_refused(tmp_path):
     for cut in (whole[: len(whole) // 2], whole[:-4], whole[:3]):
         (tmp_path / "a.gz").write_bytes(cut)
         with pytest.raises(
-            ValueError, match=r"^a.gz: the gzip file is cut or damaged.*$"
+            ValueError, match=r"/a.gz: the gzip file is cut or damaged.*$"
         ) as caught:
             read_carmen(tmp_path / "a.gz")
         assert "\n" not in str(caught.value)
@@ -233,7 +233,7 @@ def test_cut_gzip_is_refused(tmp_path):
 def test_gzip_of_a_thousand_times_its_size_is_refused_before_it_is_read(tmp_path):
     line = b"ODOM 0 0 0 0 0 0 1 h 1\n"
     (tmp_path / "a.gz").write_bytes(gzip.compress(line * 1_000_000))
-    with pytest.raises(ValueError, match=r"^a.gz: unpacks to more than 200 times its size"):
+    with pytest.raises(ValueError, match=r"/a.gz: unpacks to more than 200 times its size"):
         list(text_lines(tmp_path / "a.gz", "a CARMEN log"))
     # as many lines as they are, not packed, are read
     (tmp_path / "a.clf").write_bytes(line * 200_000)
@@ -243,7 +243,7 @@ def test_gzip_of_a_thousand_times_its_size_is_refused_before_it_is_read(tmp_path
 @pytest.mark.parametrize("read", [read_log, read_tum, read_g2o, read_relations, read_map])
 def test_pipe_is_refused_and_not_waited_for(tmp_path, read):
     os.mkfifo(tmp_path / "a.yaml")
-    with pytest.raises(ValueError, match=r"^a.yaml: a pipe or a device; expected a file$"):
+    with pytest.raises(ValueError, match=r"/a.yaml: a pipe or a device; expected a file$"):
         read(tmp_path / "a.yaml")
 
 
@@ -252,7 +252,7 @@ def test_damaged_gzip_is_refused(tmp_path):
     damaged[len(damaged) // 2] ^= 0xFF
     (tmp_path / "a.gz").write_bytes(damaged)
     # the damage shows as a bad block, a bad checksum or a line that is no longer one
-    with pytest.raises(ValueError, match=r"^a.gz[^\n]*$"):
+    with pytest.raises(ValueError, match=r"/a.gz[^\n]*$"):
         read_carmen(tmp_path / "a.gz")
 
 
@@ -271,7 +271,7 @@ def test_stamp_in_nanoseconds_is_refused_with_its_line(tmp_path, name):
     lines[at] = " ".join(fields)
     (tmp_path / "a.clf").write_text("\n".join(lines) + "\n")
     with pytest.raises(
-        ValueError, match=rf"^a.clf line {at + 1}: a stamp of 1.1e\+18; expected sec"
+        ValueError, match=rf"/a.clf line {at + 1}: a stamp of 1.1e\+18; expected sec"
     ):
         read_carmen(tmp_path / "a.clf")
 
@@ -279,7 +279,7 @@ def test_stamp_in_nanoseconds_is_refused_with_its_line(tmp_path, name):
 @pytest.mark.parametrize("content", [bytes(range(256)) * 20, b"\xff\xfe\xfd\n" * 10])
 def test_binary_file_is_refused(tmp_path, content):
     (tmp_path / "a.bin").write_bytes(content)
-    with pytest.raises(ValueError, match=r"^a.bin line 1: binary, not a CARMEN log$"):
+    with pytest.raises(ValueError, match=r"/a.bin line 1: binary, not a CARMEN log$"):
         read_carmen(tmp_path / "a.bin")
 
 

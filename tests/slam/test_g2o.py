@@ -70,42 +70,42 @@ def test_errors_of_g2o_and_ours_are_the_same_to_first_order():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "^a.g2o: no VERTEX_SE2 in it, not a g2o pose graph$"),
+        ("", "/a.g2o: no VERTEX_SE2 in it, not a g2o pose graph$"),
         (
             "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n",
-            "^a.g2o line 1: expected VERTEX_SE2, EDGE_SE2 or FIX",
+            "/a.g2o line 1: expected VERTEX_SE2, EDGE_SE2 or FIX",
         ),
-        ("VERTEX_SE2 0 0 0\n", "^a.g2o line 1: VERTEX_SE2 has 4 numbers, found 3$"),
-        (OTHERS + "EDGE_SE2 10 11 1 0\n", "^a.g2o line 9: EDGE_SE2 has 11 numbers, found 4$"),
+        ("VERTEX_SE2 0 0 0\n", "/a.g2o line 1: VERTEX_SE2 has 4 numbers, found 3$"),
+        (OTHERS + "EDGE_SE2 10 11 1 0\n", "/a.g2o line 9: EDGE_SE2 has 11 numbers, found 4$"),
         (
             OTHERS + "EDGE_SE2 10 12 1 0 0 1 0 0 1 0 1\n",
-            "^a.g2o line 9: edge 10 -> 12, but there is",
+            "/a.g2o line 9: edge 10 -> 12, but there is",
         ),
         (
             OTHERS + "EDGE_SE2 10 11 1 0 0 0 0 0 0 0 0\n",
-            "^a.g2o line 9: edge 0 -> 1: its information",
+            "/a.g2o line 9: edge 0 -> 1: its information",
         ),
-        (OTHERS + "VERTEX_SE2 10 0 0 0\n", "^a.g2o line 9: a second vertex 10$"),
-        (OTHERS + "FIX 3\n", "^a.g2o: fixes vertex 3, which it does not have$"),
-        (OTHERS + "FIX x\n", "^a.g2o line 9: expected the number of a vertex, found 'x'$"),
-        (OTHERS + f"FIX {3 * '1234567'}\n", "^a.g2o line 9: expected the number of a vertex"),
+        (OTHERS + "VERTEX_SE2 10 0 0 0\n", "/a.g2o line 9: a second vertex 10$"),
+        (OTHERS + "FIX 3\n", "/a.g2o: fixes vertex 3, which it does not have$"),
+        (OTHERS + "FIX x\n", "/a.g2o line 9: expected the number of a vertex, found 'x'$"),
+        (OTHERS + f"FIX {3 * '1234567'}\n", "/a.g2o line 9: expected the number of a vertex"),
         # found by fuzzing: two lines, and one of thousands of letters
         (
             "# kitasap pose graph, version 1: 2 nodes\x0bVERTEX_SE2 7 0 0 0\n" + OTHERS,
-            r"^a.g2o: cut short: '2 nodes\\x0bVERTEX_SE2 7 0 0 0' promised",
+            r"/a.g2o: cut short: '2 nodes\\x0bVERTEX_SE2 7 0 0 0' promised",
         ),
         (
             OTHERS + "VERTEX_SE2 1 " + 300 * "\x00" + " 0 0\n",
-            r"^a.g2o line 9: expected a number, found '(\\x00){40}'\.\.\.$",
+            r"/a.g2o line 9: expected a number, found '(\\x00){40}'\.\.\.$",
         ),
-        (OTHERS + "VERTEX_SE2 1 0 nan 0\n", "^a.g2o line 9: a number is not finite$"),
+        (OTHERS + "VERTEX_SE2 1 0 nan 0\n", "/a.g2o line 9: a number is not finite$"),
         (
             OTHERS + "# kernel SOFT\n",
-            "^a.g2o line 9: expected a kernel of PLAIN, HUBER, LOOP, found",
+            "/a.g2o line 9: expected a kernel of PLAIN, HUBER, LOOP, found",
         ),
         (
             "# kitasap pose graph, version 9: x\n" + OTHERS,
-            "^a.g2o: expected '# kitasap pose graph, v",
+            "/a.g2o: expected '# kitasap pose graph, v",
         ),
     ],
 )
@@ -128,7 +128,7 @@ def test_line_ends_of_another_system_are_no_damage(tmp_path):
 
 def test_binary_file_is_named(tmp_path):
     (tmp_path / "a.g2o").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match=r"^a.g2o: binary, not a g2o pose graph$"):
+    with pytest.raises(ValueError, match=r"/a.g2o: binary, not a g2o pose graph$"):
         read_g2o(tmp_path / "a.g2o")
 
 
@@ -142,7 +142,7 @@ def test_file_of_ours_cut_anywhere_is_refused(tmp_path):
     whole = (tmp_path / "a.g2o").read_bytes()
     for length in range(len(whole)):
         (tmp_path / "a.g2o").write_bytes(whole[:length])
-        with pytest.raises(ValueError, match=r"^a\.g2o"):
+        with pytest.raises(ValueError, match=r"/a\.g2o"):
             read_g2o(tmp_path / "a.g2o")
 
 

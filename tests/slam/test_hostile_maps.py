@@ -38,7 +38,7 @@ def written(folder: Path, pgm: bytes | None = PGM, more: str = "", **changes: st
 
 
 def refusal(path: Path) -> str:
-    with pytest.raises(ValueError, match=r"^map\.") as refused:
+    with pytest.raises(ValueError, match=r"/map\.") as refused:
         read_map(path)
     (line,) = str(refused.value).splitlines()
     assert len(line) < 300
@@ -75,7 +75,9 @@ def test_aliases_are_refused(tmp_path):
         f"{chr(98 + i)}: &{chr(98 + i)} [*{chr(97 + i)}, *{chr(97 + i)}]\n" for i in range(20)
     )
     line = refusal(written(tmp_path, origin="*t", more=laughs))
-    assert line == "map.yaml: not a YAML file (an alias in line 3, which is not read here)"
+    assert (
+        line == f"{tmp_path}/map.yaml: not a YAML file (an alias in line 3, which is not read here)"
+    )
 
 
 @pytest.mark.parametrize("text", ["[" * 20_000, "a: " * 3, "\x00", "- 1", "{", "x" * 600_000])
@@ -121,7 +123,9 @@ def test_images_of_too_many_cells_are_refused_before_they_are_decoded(tmp_path):
     assert (tmp_path / "map.png").stat().st_size < 100_000
     path = written(tmp_path, image="map.png")
     tracemalloc.start()
-    assert refusal(path).startswith("map.png: 8000 x 8000 cells; a map may have 16 million")
+    assert refusal(path).startswith(
+        f"{tmp_path}/map.png: 8000 x 8000 cells; a map may have 16 million"
+    )
     (tmp_path / "map.png").write_bytes(
         png_bomb(60_000, 2)[:16] + struct.pack(">II", 60_000, 60_000)
     )
@@ -139,10 +143,10 @@ def test_images_of_too_many_cells_are_refused_before_they_are_decoded(tmp_path):
 def test_files_of_gigabytes_and_devices_are_refused(tmp_path):
     with (tmp_path / "map.yaml").open("wb") as file:
         file.truncate(10_000_000_000)
-    with pytest.raises(ValueError, match=r"^map.yaml: longer than the 0\.5 MB"):
+    with pytest.raises(ValueError, match=r"/map.yaml: longer than the 0\.5 MB"):
         read_map(tmp_path / "map.yaml")
     if Path("/dev/zero").exists():
-        with pytest.raises(ValueError, match=r"^zero: a pipe or a device"):
+        with pytest.raises(ValueError, match=r"/zero: a pipe or a device"):
             read_map("/dev/zero")
 
 
@@ -151,7 +155,10 @@ def test_formats_for_which_pillow_starts_programs_are_not_read(tmp_path):
         b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n"
     )
     line = refusal(written(tmp_path, image="map.eps"))
-    assert line == "map.eps: not an image of a known format (pgm, png, bmp, gif, jpeg, tiff)"
+    assert (
+        line
+        == f"{tmp_path}/map.eps: not an image of a known format (pgm, png, bmp, gif, jpeg, tiff)"
+    )
 
 
 def test_large_maps_are_read_in_parts(tmp_path, monkeypatch):
@@ -197,7 +204,7 @@ def kitasap_map(path: Path, shape: tuple[int, ...], content_bytes: int) -> Path:
 )
 def test_maps_of_ours_that_claim_too_much_are_refused(tmp_path, shape, content_bytes, said):
     path = kitasap_map(tmp_path / "map.kitasap", shape, content_bytes)
-    with pytest.raises(ValueError, match=rf"^map\.kitasap: .*{said}"):
+    with pytest.raises(ValueError, match=rf"/map\.kitasap: .*{said}"):
         read_slam_map(path)
 
 

@@ -42,7 +42,7 @@ def test_format_is_told_from_the_content_whatever_the_name(tmp_path, text):
 )
 def test_foreign_or_empty_file_is_named_with_what_was_expected(tmp_path, content, said):
     (tmp_path / "a.x").write_bytes(content)
-    with pytest.raises(ValueError, match=r"^a\.x") as caught:
+    with pytest.raises(ValueError, match=r"/a\.x") as caught:
         read_log(tmp_path / "a.x")
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -57,3 +57,19 @@ def test_cut_log_is_refused_before_any_scan_is_handed_out(tmp_path):
     (tmp_path / "a.gz").write_bytes(EXCERPT.read_bytes()[:-100])
     with pytest.raises(ValueError, match="cut or damaged"):
         read_log(tmp_path / "a.gz")
+
+
+def test_messages_name_a_log_by_the_path_that_was_typed(tmp_path, monkeypatch):
+    """Whoever has a robot.clf in each folder could not tell which one it was."""
+    monkeypatch.chdir(tmp_path)
+    Path("monday").mkdir()
+    Path("monday/robot.clf").write_text("FLASER 2 1.0\n")
+    with pytest.raises(ValueError, match=r"^monday/robot\.clf line 1: FLASER announces 2 ranges"):
+        read_log("monday/robot.clf")
+    blind = " ".join(["FLASER", "180", *["81.83"] * 180, *["0"] * 7, "host", "0"])
+    Path("monday/robot.clf").write_text(f"{blind}\n")
+    log = read_log("monday/robot.clf")
+    with pytest.raises(ValueError, match=r"^monday/robot\.clf: none of the 1 scans has a beam"):
+        log.check_sees()
+    # in results it is called by its name, wherever it lies
+    assert log.name == "robot.clf"

@@ -175,7 +175,7 @@ def test_wheels_may_be_asked_for_by_tf(as_mcap):
 
 def test_mounting_that_the_bag_lacks_is_asked_for_and_taken(tmp_path, moment):
     write_bag(tmp_path / "b", moment, frames=Frames(has_static=False))
-    said = "^b: no transform from base_footprint to base_scan, .* give --mount X Y HEADING"
+    said = "/b: no transform from base_footprint to base_scan, .* give --mount X Y HEADING"
     with pytest.raises(ValueError, match=said):
         read_log(tmp_path / "b")
     given = LogChoice(T_base_laser=SE2(0.1, 0.2, 0.3))
