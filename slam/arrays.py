@@ -13,11 +13,18 @@ BoolArray = NDArray[np.bool_]
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
-    """A read-only float64 copy of the values; None in `shape` stands for any length.
+    """A read-only float64 copy of the values; None in `shape` stands for any length. Values that are that
+    already, and no view of others, are not copied: all scans of a laser have one array of angles.
 
     Raises ValueError when the shape is another one.
     """
-    array = np.array(values, dtype=np.float64)
+    is_frozen = (
+        isinstance(values, np.ndarray)
+        and values.dtype == np.float64
+        and values.flags.owndata
+        and not values.flags.writeable
+    )
+    array = np.array(values, dtype=np.float64, copy=not is_frozen)
     fits = array.shape == shape or (
         array.ndim == len(shape)
         and all(

@@ -56,6 +56,17 @@ class Beams:
         origins_m[:] = T_base_laser.x, T_base_laser.y
         return Beams(origins_m, T_base_laser.theta + scan.angles_rad, scan.ranges_m)
 
+    def with_ranges(self, ranges_m: FloatArray) -> Beams:
+        """The same beams, which measured other ranges (N,) [m]. Where they start and look is not computed
+        again."""
+        other = Beams(self.origins_m, self.angles_rad, ranges_m)
+        other.__dict__.update(
+            directions=self.directions,
+            middle_m=self.middle_m,
+            _is_of_one_origin=self._is_of_one_origin,
+        )
+        return other
+
     def shortened(self, offset_m: float) -> Beams:
         """The same beams with ranges that are less by an offset [m], not below 0."""
         if offset_m == 0.0:
@@ -63,14 +74,14 @@ class Beams:
         ranges_m = np.where(
             np.isfinite(self.ranges_m), np.maximum(self.ranges_m - offset_m, 0.0), self.ranges_m
         )
-        return Beams(self.origins_m, self.angles_rad, ranges_m)
+        return self.with_ranges(ranges_m)
 
     def cut(self, range_max_m: float) -> Beams:
         """The same beams, of which those that end farther [m] have no return."""
         is_far = self.ranges_m > range_max_m
         if not is_far.any():
             return self
-        return Beams(self.origins_m, self.angles_rad, np.where(is_far, np.inf, self.ranges_m))
+        return self.with_ranges(np.where(is_far, np.inf, self.ranges_m))
 
     @cached_property
     def directions(self) -> FloatArray:

@@ -110,6 +110,16 @@ class SE2:
         c, s = math.cos(self.theta), math.sin(self.theta)
         return SE2(-c * self.x - s * self.y, s * self.x - c * self.y, -self.theta)
 
+    def between(self, other: SE2) -> SE2:
+        """Another pose as seen from this one: `self.inverse() @ other`, in one go."""
+        c, s = math.cos(self.theta), math.sin(self.theta)
+        x, y = -c * self.x - s * self.y, s * self.x - c * self.y
+        return SE2(
+            x + c * other.x + s * other.y,
+            y - s * other.x + c * other.y,
+            other.theta - self.theta,
+        )
+
     def is_near(self, other: SE2, within_m: float, within_rad: float) -> bool:
         """Whether another pose is at most so far away [m] and turned at most so much [rad]."""
         is_beside = math.hypot(self.x - other.x, self.y - other.y) <= within_m

@@ -64,6 +64,7 @@ class Straightener:
         self._moved: FloatArray = np.zeros(3)
         self._sigma: FloatArray = np.zeros(3)
         self._straightened: tuple[LaserScan, Beams] | None = None
+        self._rested: tuple[FloatArray, Beams] | None = None
 
     def duration_s(self, time_s: float, motion: SE2) -> float:
         """How long the motion up to a stamp took [s]; inf while no interval is known."""
@@ -119,8 +120,15 @@ class Straightener:
 
     def _along(self, scan: LaserScan, motion: BodyMotion | None) -> Beams:
         if motion is None or not self._can_straighten(scan):
-            return Beams.of(scan, self.T_base_laser)
+            return self._at_rest(scan)
         return deskewed(scan, self.T_base_laser, motion)
+
+    def _at_rest(self, scan: LaserScan) -> Beams:
+        """The beams of a scan from where it was taken, of which most look where those of the last did."""
+        if self._rested is None or self._rested[0] is not scan.angles_rad:
+            self._rested = scan.angles_rad, Beams.of(scan, self.T_base_laser)
+            return self._rested[1]
+        return self._rested[1].with_ranges(scan.ranges_m)
 
     def _match_along(
         self, scan: LaserScan, motion: BodyMotion, match_beams: MatchBeams

@@ -141,7 +141,7 @@ class Candidates:
         scan = Keyframe(0.0, T_map_base, SE2.identity(), nothing, ends, beams, is_break=False)
         seen = denied = 0
         for keyframe in reversed(self._keyframes[-config.witnesses :]):
-            there = keyframe.T_map_base.inverse() @ T_map_base
+            there = keyframe.T_map_base.between(T_map_base)
             counts = passed(scan, keyframe, there, config.margins, config.aside_m)
             seen, denied = seen + counts[0], denied + counts[1]
             if keyframe.is_break:
@@ -154,7 +154,7 @@ class Candidates:
         if len(self._keyframes) < 2 or self._keyframes[-1].is_break:
             return 0.0
         before, config = self._keyframes[-2], self._config
-        T_base_before = T_map_base.inverse() @ before.T_map_base
+        T_base_before = T_map_base.between(before.T_map_base)
         seen, through = contradictions(
             before.points[::_LOOKED_THROUGH], T_base_before.as_array(), beams.middle_m,
             beams.angles_rad, beams.ranges_m, *config.denial.margins, 0.0,

@@ -109,10 +109,10 @@ class FrontEnd:
             self._velocity.stop()
             self._slipped_wheels.still.forget()
         else:
-            self._velocity.take(told.T_last.inverse() @ self.T_map_base, self._elapsed_s)
+            self._velocity.take(told.T_last.between(self.T_map_base), self._elapsed_s)
             self._slipped_wheels.still.take(beams, self.T_map_base)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
-        T_keyframe_base = T_keyframe.inverse() @ self.T_map_base
+        T_keyframe_base = T_keyframe.between(self.T_map_base)
         if match is not None and not is_new:
             self.glances[-1].take(T_keyframe_base, beams)
         return FrontEndStep(
@@ -174,7 +174,7 @@ class FrontEnd:
             reach = config.reach_m, config.reach_m, config.reach_rad
             covariance = self._P + np.diag(np.square(reach))
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
-        return ToldStep(T_keyframe.inverse() @ told.T_map_base, covariance)
+        return ToldStep(T_keyframe.between(told.T_map_base), covariance)
 
     def _joined(
         self, match: SurfaceMatch, status: StepStatus, told: Prediction, is_open: bool
@@ -200,7 +200,7 @@ class FrontEnd:
         surfaces = self.config.surfaces
         self.wheel_scale.update(
             self._P,
-            (T_predicted.inverse() @ match.T_map_base).log(),
+            T_predicted.between(match.T_map_base).log(),
             match.information * (surfaces.pull / surfaces.share),
             match.least_facing,
         )
@@ -331,7 +331,7 @@ class FrontEnd:
             Keyframe(
                 time_s,
                 T_map_base,
-                before.inverse() @ T_map_base,
+                before.between(T_map_base),
                 self._P,
                 np.ascontiguousarray(points[:, :2]),
                 beams,

@@ -117,7 +117,7 @@ def closed_match(
             closed = other
         gained = (other.inlier_ratio - match.inlier_ratio) * len(points)
         if gained >= _FEW and other.cost < min(few.cost, most):
-            off = (T_predicted.inverse() @ other.T_map_base).log()
+            off = T_predicted.between(other.T_map_base).log()
             few = other if off @ odometry @ off < config.trust * noise else few
     if closed is match and few is not match:
         off_m = apart_m(few.T_map_base, match.T_map_base)

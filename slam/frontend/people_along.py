@@ -94,7 +94,7 @@ class SeenBefore:
         """How many of both scans' points the other did."""
         margins, there = (
             self._config.denial.margins,
-            keyframe.T_map_base.inverse() @ match.T_map_base,
+            keyframe.T_map_base.between(match.T_map_base),
         )
         through = 0
         for points, beams, pose in (
@@ -168,7 +168,7 @@ class PeopleAlong:
         if not (self.may_be(told, match) and since.is_denying(match, _DRAWN[0])):
             return False
         alone = self._surfaces.match_alone(points, match.T_map_base)
-        off = alone.T_map_base.inverse() @ since.T_map_base
+        off = alone.T_map_base.between(since.T_map_base)
         is_turned = math.hypot(off.x, off.y) < abs(off.theta)  # walls tell the heading
         is_clean = alone.cost < CLEAN or told.way_m > _SHORT_M
         if is_turned or not is_clean or not since.is_denying(alone, _DRAWN[1]):
@@ -181,7 +181,7 @@ class PeopleAlong:
     ) -> SurfaceMatch:
         """As `Candidates.held`, but only along the way that people drew a match aside: walls tell the rest."""
         T, share = since.T_map_base, self._config.surfaces.share
-        off = T.inverse() @ self._surfaces.match_alone(points, match.T_map_base).T_map_base
+        off = T.between(self._surfaces.match_alone(points, match.T_map_base).T_map_base)
         way = np.array([off.x, off.y, 0.0]) / math.hypot(off.x, off.y)
         along = np.outer(way, way) / float(way @ since.covariance @ way)
         return self._surfaces.match(points, T, T, along, pull=share)
@@ -189,5 +189,5 @@ class PeopleAlong:
 
 def _apart(one: SE2, other: SE2) -> float:
     """How far two poses are apart [m], a turn as far as at a metre."""
-    between = one.inverse() @ other
+    between = one.between(other)
     return math.hypot(between.x, between.y, between.theta)

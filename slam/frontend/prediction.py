@@ -70,7 +70,7 @@ class Prediction:
 
     def is_denied_stand(self, match: SurfaceMatch) -> bool:
         """Whether wheels stand, and a match has the robot turn: walls tell that, and people do not make it up."""
-        turn_rad = (self.T_last.inverse() @ match.T_map_base).theta
+        turn_rad = self.T_last.between(match.T_map_base).theta
         return self.stands and abs(turn_rad) > _TURNS_RAD
 
     def tells_no_way(self, match: SurfaceMatch) -> bool:
@@ -86,7 +86,7 @@ class Prediction:
 
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""
-        innovation = (self.T_map_base.inverse() @ match.T_map_base).log()
+        innovation = self.T_map_base.between(match.T_map_base).log()
         information = self.odometry if information is None else information
         return float(innovation @ information @ innovation)
 

@@ -101,7 +101,7 @@ class SlippedWheels:
     def _is_told_by_more(self, points: FloatArray, alone: SurfaceMatch, led: SurfaceMatch) -> bool:
         """Whether a scan lies there as well without the one thing that most of what faces the way is of: that
         may have stood until now."""
-        off = alone.T_map_base.inverse() @ led.T_map_base
+        off = alone.T_map_base.between(led.T_map_base)
         facing = np.cos(points[:, 2] - math.atan2(off.y, off.x))
         across = self._surfaces.thinned(points[np.abs(facing) > _FACING, :2])
         if len(across) == 0:

@@ -31,7 +31,7 @@ class Look:
         """The scan matched, but for some of its beams, (N,)."""
         beams = self.beams
         ranges_m = np.where(is_left_out, np.nan, beams.ranges_m)
-        return self.matcher(Beams(beams.origins_m, beams.angles_rad, ranges_m), T_start)
+        return self.matcher(beams.with_ranges(ranges_m), T_start)
 
 
 @dataclass(frozen=True, eq=False)

@@ -147,7 +147,7 @@ def virtual_scan(
             ranges_m[is_met & (ranges_m > away_m)] = away_m
     ranges_m[ranges_m > laser.range_max_m] = np.inf
     ranges_m[ranges_m < max(laser.range_min_m, 0.0)] = np.nan
-    return Beams(beams.origins_m, beams.angles_rad, ranges_m)
+    return beams.with_ranges(ranges_m)
 
 
 def _places(relocalizer: Relocalizer, rng: np.random.Generator) -> list[SE2]:

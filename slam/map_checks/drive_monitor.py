@@ -90,7 +90,7 @@ class DriveMonitor:
         if not (is_matched and is_measured):
             self._ways.interrupt()
         if is_matched:
-            moved = T_before.inverse() @ step.T_map_base
+            moved = T_before.between(step.T_map_base)
             if is_measured:
                 self._denials.take(measurement.motion, moved, step)
                 self._ways.take(measurement.motion, variance_m2, moved, step)

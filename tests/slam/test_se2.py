@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from slam.se2 import SE2, wrap_angle
@@ -36,6 +36,13 @@ def test_identity_changes_nothing(a):
 def test_inverse_undoes_the_pose_from_both_sides(a):
     assert_same(a @ a.inverse(), SE2.identity())
     assert_same(a.inverse() @ a, SE2.identity())
+
+
+@given(POSE, POSE)
+def test_a_pose_seen_from_another_is_the_way_back_and_there(a, b):
+    assume(abs(a.theta) < math.pi)  # of which the way back has no sign of its own
+    seen, way = a.between(b), a.inverse() @ b
+    assert (seen.x, seen.y, seen.theta) == (way.x, way.y, way.theta)  # to the bit
 
 
 @given(POSE, POSE)
