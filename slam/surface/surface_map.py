@@ -252,13 +252,13 @@ class SurfaceMap:
             T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
             stats,
         )  # fmt: skip
-        seen, count = stats[matching.SEEN], max(len(points), 1)
+        seen, fitting, cost, _, weight = stats.tolist()  # in the order of SEEN and the others
+        count = max(len(points), 1)
         information *= config.share
+        held *= weight
         return SurfaceMatch(
-            SE2.from_array(pose), information,
-            information + stats[matching.ODOMETRY_WEIGHT] * held,
-            seen / count, stats[matching.FITTING] / max(seen, 1.0),
-            (stats[matching.COST] + len(points) - seen) / count, pull / config.share,
+            SE2(*pose.tolist()), information, information + held, seen / count,
+            fitting / max(seen, 1.0), (cost + len(points) - seen) / count, pull / config.share,
         )  # fmt: skip
 
     def match_alone(self, points_base: FloatArray, T_start: SE2) -> SurfaceMatch:
