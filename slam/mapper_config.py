@@ -27,7 +27,7 @@ class MapperConfig:
     map, not with the drive. patient_rounds, patient_inlier_ratio: of loops looked for where a map does
     not hold together. Chosen, all of these.
     is_odometry_doubted: what odometry tells is where a scan is looked for first, and no more; what
-    scans say against it still counts.
+    scans say against it still counts. range_offset_m: by which all ranges are too long, as known before.
     """
 
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
@@ -51,3 +51,4 @@ class MapperConfig:
     patient_rounds: int = 3
     patient_inlier_ratio: float = 0.78
     is_odometry_doubted: bool = False
+    range_offset_m: float = 0.0

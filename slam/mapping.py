@@ -28,6 +28,7 @@ from slam.map_checks.map_consistency import acquitted, judged
 from slam.map_checks.map_drift import too_far_adrift
 from slam.map_checks.moved_things import moved_things
 from slam.map_checks.open_ways import unknown_ways
+from slam.map_checks.range_offset import said_of_ranges
 from slam.map_checks.scan_places import unknown_places
 from slam.map_checks.shown_jumps import shown_jumps
 from slam.map_checks.stray_scans import with_scans_put_back
@@ -117,6 +118,7 @@ class Mapper:
             measurement = replace(
                 measurement, motion=SE2.identity(), motion_covariance=np.zeros((3, 3))
             )
+        measurement = measurement.shortened(self.config.range_offset_m)
         is_blind = bool(self._steps) and self._steps[-1].status is StepStatus.CARRIED
         judged_motion = self._jumps.judged(measurement, is_blind)
         measurement, other = judged_motion.measurement, judged_motion.other
@@ -182,6 +184,7 @@ class Mapper:
             said = said or hanging_pieces(slam_map, self.config.front_end.break_sigma)
             if not self.config.is_odometry_doubted:
                 said = said or breaks_in_doubt(slam_map, self._front_end.told_steps, self.config)
+        said += said_of_ranges(slam_map.keyframes, slam_map.poses)
         return slam_map.objected([*self._known_objections, *said])
 
     def _rescale(self) -> None:

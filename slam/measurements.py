@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -113,6 +113,13 @@ class LaserScan:
         ranges_m = np.where(is_far, np.inf, self.ranges_m)
         return LaserScan(self.time_s, self.angles_rad, ranges_m, self.beam_times_s)
 
+    def shortened(self, offset_m: float) -> LaserScan:
+        """The same scan with ranges that are less by an offset [m], not below 0."""
+        if offset_m == 0.0:
+            return self
+        ranges_m = np.where(self.is_hit, np.maximum(self.ranges_m - offset_m, 0.0), self.ranges_m)
+        return LaserScan(self.time_s, self.angles_rad, ranges_m, self.beam_times_s)
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
@@ -145,6 +152,10 @@ class Measurement:
             covariance = _assumed_covariance(self.motion)
         covariance = checked_motion(self.time_s, self.motion, covariance)
         object.__setattr__(self, "motion_covariance", covariance)
+
+    def shortened(self, offset_m: float) -> Measurement:
+        """The same with ranges that are less by an offset [m], not below 0."""
+        return self if offset_m == 0.0 else replace(self, scan=self.scan.shortened(offset_m))
 
 
 def check_stamped(what: str, time_s: float, pose: SE2) -> None:

@@ -149,7 +149,7 @@ RANKS = (
     | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
     | {"hanging_pieces", "open_ways", "wheels_borne_out", "scan_places"}
     | {"weak_steps", "there_and_back", "moved_things", "breaks_borne_out"}
-    | {"lone_loops", "ways_over_breaks", "shown_jumps"},
+    | {"lone_loops", "ways_over_breaks", "shown_jumps", "range_offset"},
 )
 GROUPS = tuple(
     f"slam.{name}" for name in ("backend", "files", "frontend", "guard", "map_checks", "surface")
