@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from slam.map_checks.drive_monitor import told_by_wheels_alone
 from slam.map_checks.map_consistency import leaves_no_doubt
 from slam.map_checks.map_drift import too_far_adrift
 from slam.map_checks.moved_things import is_all_that_is_said
+from slam.map_checks.range_offset import range_offset, said_of_ranges
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.pose_lookup import PoseLookup
@@ -39,38 +41,72 @@ OnScan = Callable[[int, int, MapperStep], None]
 
 
 def best_mapped(log: Log, mapped: Callable[..., SlamLog]) -> SlamLog:
-    """The log mapped; where that does not hold together, once more with its odometry as a guess from
-    which scans are matched, and no more. That map is judged more strictly, and by what its scans say
-    against odometry too. Whoever interrupts the second look gets what came of the first."""
-    first, passes, log, config = _by_best_wheels(log, mapped)
+    """The log mapped; where that does not hold together, once more: with its ranges put right, if scans show
+    by how much all of them are off, and then with its odometry as a guess. Whoever interrupts another look
+    gets what came of those before."""
+    looked = _by_best_wheels(log, mapped)
+    try:
+        looked = _by_right_ranges(looked, mapped)
+        return _by_doubted_odometry(looked, mapped)
+    except KeyboardInterrupt:
+        said = "interrupted while the log was mapped once more: this is the map before that"
+        return replace(looked.best, notes=(said,))
+
+
+class _Looked(NamedTuple):
+    """A log and how it is mapped; the best map so far, and passes over the log up to now."""
+
+    log: Log
+    config: MapperConfig
+    best: SlamLog
+    passes: int
+
+
+def _by_right_ranges(looked: _Looked, mapped: Callable[..., SlamLog]) -> _Looked:
+    """The log mapped once more, its ranges put right, where its map shows that all of them are off by as much;
+    taken where scans bear it out. Of a good map nobody asks."""
+    log, config, first, passes = looked
+    if first.slam_map.verdict.is_good:
+        return looked
+    found = range_offset(first.slam_map.keyframes, first.slam_map.poses)
+    if found is None or not found.is_shown:
+        return looked
+    config = replace(config, range_offset_m=found.offset_m)
+    again = mapped(log, config)
+    if said_of_ranges(again.slam_map.keyframes, again.slam_map.poses):
+        return looked._replace(best=_beside(first, again), passes=passes + 1)
+    again = replace(again, used_pass=passes, wheels=first.wheels, range_offset_m=found.offset_m)
+    return _Looked(log, config, _beside(again, first), passes + 1)
+
+
+def _by_doubted_odometry(looked: _Looked, mapped: Callable[..., SlamLog]) -> SlamLog:
+    """The log mapped once more with its odometry as a guess from which scans are matched, and no more. That map
+    is judged more strictly, and by what its scans say against odometry too."""
+    log, config, first, passes = looked
     slam_map = first.slam_map
     if slam_map.verdict.is_good or slam_map.unjoined or not log.has_odometry:
         return first  # a session is not joined by other odometry
     if is_all_that_is_said(slam_map.verdict.reasons):
         return first
-    try:
-        again = mapped(log, replace(config, is_odometry_doubted=True))
-    except KeyboardInterrupt:
-        said = "interrupted while the log was mapped once more: this is the first map"
-        return replace(first, notes=(said,))
+    again = mapped(log, replace(config, is_odometry_doubted=True))
     if not leaves_no_doubt(again.slam_map.verdict) or too_far_adrift(
         again.slam_map.drift_m, again.slam_map.poses, _DRIFT_OF_SECOND
     ):
         return _beside(first, again)
-    again = replace(again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True)
+    again = replace(
+        again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True,
+        range_offset_m=config.range_offset_m,
+    )  # fmt: skip
     return _beside(again, first)
 
 
-def _by_best_wheels(
-    log: Log, mapped: Callable[..., SlamLog]
-) -> tuple[SlamLog, int, Log, MapperConfig]:
-    """The log mapped, in how many passes, and what it was mapped from. Where it tells ticks, twice: by
-    the wheels as assumed, and as the drive shows them. The map is that which holds together, and of
-    two that do, the sharper one."""
+def _by_best_wheels(log: Log, mapped: Callable[..., SlamLog]) -> _Looked:
+    """The log mapped; where it tells ticks, twice: by the wheels as assumed, and as the drive shows them.
+    The map is that which holds together, and of two that do, the sharper one."""
     usual = MapperConfig()
     first, calibrated = mapped(log, usual), calibrated_log(log)
     if calibrated is None:
-        return first, 1, log, usual
+        return _Looked(log, usual, first, 1)
     second = replace(mapped(calibrated.log, calibrated.mapper), used_pass=1)
     maps = first.slam_map, second.slam_map
     doubts = [(not one.verdict.is_good, map_spread_m(one) or math.inf) for one in maps]
@@ -78,8 +114,8 @@ def _by_best_wheels(
     wheels = wheels_summary(calibrated, maps, is_used)
     if is_used:
         used = replace(_beside(second, first), wheels=wheels)
-        return used, 2, calibrated.log, calibrated.mapper
-    return replace(_beside(first, second), wheels=wheels), 2, log, usual
+        return _Looked(calibrated.log, calibrated.mapper, used, 2)
+    return _Looked(log, usual, replace(_beside(first, second), wheels=wheels), 2)
 
 
 def _beside(used: SlamLog, other: SlamLog) -> SlamLog:

@@ -35,7 +35,8 @@ class SlamLog:
     none, but at the end, if at all; start: pose of its first scan there as it was told, None: searched for.
     wheels: what calibrating them from the drive gave, where the log tells their ticks.
     is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
-    not hold together. notes: what of the log was taken, in words. used_pass: which pass over the log
+    not hold together. range_offset_m: by which all ranges were taken to be too long, since a map by them as
+    told had shown it. notes: what of the log was taken, in words. used_pass: which pass over the log
     this is, from 0, where it was mapped more than once; other_passes_cpu_s: what the others took.
     """
 
@@ -53,6 +54,7 @@ class SlamLog:
     start: SE2 | None = None
     wheels: dict[str, Any] | None = None
     is_odometry_doubted: bool = False
+    range_offset_m: float = 0.0
     notes: tuple[str, ...] = ()
     used_pass: int = 0
     other_passes_cpu_s: float = 0.0
@@ -97,6 +99,7 @@ class SlamLog:
             "memory_mb": self.memory_mb,
             "wheels": self.wheels,
             "odometry_doubted": self.is_odometry_doubted,
+            "range_offset_m": self.range_offset_m,
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
@@ -148,6 +151,11 @@ def _said_of_map(summary: dict[str, Any]) -> list[str]:
     return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
 
+def _off_by(offset_m: float) -> str:
+    """Of ranges, in words."""
+    return f"{abs(offset_m):.3f} m too {'long' if offset_m > 0.0 else 'short'}"
+
+
 def _of_sessions(summary: dict[str, Any]) -> str:
     """What a map's counts are of, where it has more than the session told of."""
     count = len(summary["sessions"])
@@ -184,6 +192,8 @@ def table(summary: dict[str, Any]) -> str:
         lines.append(
             "odometry: a guess alone; by it as the log tells it, the map did not hold together"
         )
+    if summary["range_offset_m"] != 0.0:
+        lines.append(f"ranges: {_off_by(summary['range_offset_m'])} in the log, and put right")
     if summary["wheels"] is not None:
         lines.append(wheels_line(summary["wheels"]))
     return "\n".join(lines)
