@@ -2,14 +2,14 @@
 
 A point that a scan saw at p [m] along the unit ray u, both in its base frame, is at p - c u, if all its ranges are
 too long by c [m]. Another scan saw the surface there at q along v, with the unit normal n. With the first's pose (t, R)
-as seen from the second the two agree where
+as seen from the second, and R' = dR/dtheta, the two agree where
 
     e = n . (t + R (p - c u) - (q - c v)) = 0,    de/dc = -n . (R u - v),    de/dt = n,    de/dtheta = n . R' p
 
 so that a wall tells of c that one saw at a right angle and the other aslant: it bends by c times what the cosines
-differ. Poses that were matched by such ranges have taken up what of it they can; so each pair of scans has its own
-pose, free, and what that can take up tells nothing: the Schur complement of the normal equations' block of it
-(Triggs et al., Bundle adjustment, 2000). No walls need to be straight, nothing of the map needs to be right but
+differ. Poses that were matched by such ranges have taken up what of it they can; so each pair of scans has a pose of
+its own, free, and only what that cannot take up counts: the Schur complement of its block of the normal equations
+(Triggs et al., Bundle Adjustment - A Modern Synthesis, 2000). No walls need to be straight, nothing of the map needs to be right but
 where about the two scans were, and ranges that are wrong by a share are no offset: all of it is larger then, and agrees.
 """
 
