@@ -180,7 +180,7 @@ def _driven(
         step = mapper.update(measurement)
         slowest_s = max(slowest_s, time.thread_time() - update_s)
         watched_from_s = time.thread_time()
-        observer.mapped(measurement, step, mapper)
+        observer.mapped(measurement.shortened(mapper.config.range_offset_m), step, mapper)
         watched_s += time.thread_time() - watched_from_s
         scan_rows.append(row)
         if not step.is_joined:

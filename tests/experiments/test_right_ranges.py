@@ -3,13 +3,17 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments.bench.log_changes import with_scans
+from experiments.observer import LogObserver
 from experiments.slam_log import default_mapped
 from experiments.slam_passes import best_mapped, mapped_once
 from experiments.slam_result import SlamLog, table
 from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper, MapperStep
+from slam.measurements import Measurement
 from slam.readers.log import Log
 from slam.readers.recognition import read_log
 
@@ -50,6 +54,19 @@ def test_ranges_as_they_are_need_no_second_pass():
     assert result.other_passes_cpu_s == 0.0
     assert result.summary()["range_offset_m"] == 0.0
     assert "ranges" not in table(result.summary())
+
+
+def test_who_watches_sees_the_ranges_that_are_mapped(log):
+    nearest_m = list[float]()
+
+    class Watching(LogObserver):
+        def mapped(self, measurement: Measurement, step: MapperStep, mapper: Mapper) -> None:
+            nearest_m.append(float(measurement.scan.ranges_m.min()))
+
+    config = MapperConfig(range_offset_m=OFFSET_M)
+    mapped_once(log, config, known=None, observer=Watching())
+    told_m = [float(one.scan.ranges_m.min()) for one in log.records if one.scan is not None]
+    assert nearest_m == pytest.approx(np.array(told_m) - OFFSET_M)
 
 
 def test_map_that_fails_for_its_ranges_still_is_the_first(log, told):
