@@ -32,6 +32,11 @@ _INNER = (0.1, 0.9)
 """Where in the log something happens that happens once."""
 _WRONG_STEP, _WRONG_TURN = 1.15, 0.8
 """Chosen: wheels so bad that odometry alone is metres off within a room."""
+_RANGES_OFF_M = 0.1
+"""Chosen: what a laser's zero is off by if it is told wrong, and enough to bend a map."""
+_PUT_RIGHT_EVERY_S = 15.0
+_PUT_RIGHT_BY = np.array([0.3, 0.3, 0.1])
+"""Standard deviations (m, m, rad) of the jumps of a localizer that is no better than that. Chosen."""
 
 
 def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) -> bool:
@@ -173,6 +178,31 @@ def _wrong_wheels(log: Log, rng: np.random.Generator) -> Log:
     return with_wheels(log, lambda step: SE2(longer * step.x, longer * step.y, wider * step.theta))
 
 
+def _ranges_off(log: Log, rng: np.random.Generator) -> Log:
+    """All ranges too long, or too short, by the same."""
+    offset_m = math.copysign(_RANGES_OFF_M, rng.uniform(-1.0, 1.0))
+    return with_scans(log, lambda _, scan: scan.shortened(-offset_m))
+
+
+def _by_localizer(log: Log, rng: np.random.Generator) -> Log:
+    """What is called odometry is where a localizer has the robot: it jumps whenever that is put right."""
+    seed = int(rng.integers(2**63))
+
+    def records(of: Iterable[LogRecord]) -> Iterator[LogRecord]:
+        drawn = np.random.default_rng(seed)
+        T_put_right, next_s = SE2.identity(), math.nan
+        for record in of:
+            if math.isnan(next_s):
+                next_s = record.time_s + _PUT_RIGHT_EVERY_S
+            if record.time_s > next_s:
+                T, jump = record.T_odom_base, SE2(*(_PUT_RIGHT_BY * drawn.normal(size=3)))
+                T_put_right = T_put_right @ T @ jump @ T.inverse()
+                next_s = record.time_s + drawn.uniform(0.5, 1.5) * _PUT_RIGHT_EVERY_S
+            yield replace(record, T_odom_base=T_put_right @ record.T_odom_base)
+
+    return with_records(log, records)
+
+
 def _inner(count: int, rng: np.random.Generator) -> int:
     low, high = (int(share * count) for share in _INNER)
     return int(rng.integers(low, high))
@@ -191,4 +221,6 @@ DAMAGES: dict[str, Change] = {
     f"odometry stuck for {_FROZEN_S:g} s": _stuck,
     "a third of the scans lost, a jump and a laser that freezes": _lost_turned_and_frozen,
     f"odometry told late by {_LATE_S:g} s, twice a minute": _told_late,
+    f"all ranges {_RANGES_OFF_M:g} m too long, or too short": _ranges_off,
+    "a localizer's pose as odometry": _by_localizer,
 }

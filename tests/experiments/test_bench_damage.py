@@ -132,6 +132,30 @@ def test_wheels_are_wrong_by_as_much_all_along_or_silent(log):
     assert not steps(silent).any()
 
 
+def test_all_ranges_are_off_by_the_same_one_way_or_the_other(log):
+    offs_m = set()
+    for seed in range(4):
+        wrong = damaged(log, "all ranges", seed)
+        for one, true in zip(scans(wrong), scans(log), strict=True):
+            is_hit = true.is_hit & (true.ranges_m > 0.1)  # else too short to lose as much
+            off_m = one.ranges_m[is_hit] - true.ranges_m[is_hit]
+            assert np.ptp(off_m) < 1e-9
+            offs_m.add(round(float(off_m[0]), 6))
+            assert np.array_equal(one.is_hit, true.is_hit)
+    assert offs_m == {-0.1, 0.1}
+
+
+def test_pose_of_a_localizer_jumps_here_and_there_and_nothing_else_is_wrong(log):
+    jumping = damaged(log, "localizer")
+    stamps = np.array([record.time_s for record in log.records])
+    jumps = np.abs(steps(jumping) - steps(log)).max(axis=1) > 1e-6
+    between_s = np.diff(stamps[1:][jumps])
+    assert 0.5 * np.ptp(stamps) / 15.0 < np.count_nonzero(jumps) < 2.0 * np.ptp(stamps) / 15.0
+    assert between_s.min() >= 7.5
+    off = (steps(jumping) - steps(log))[jumps]
+    assert 0.1 < np.hypot(off[:, 0], off[:, 1]).mean() < 1.0
+
+
 def test_a_wrong_map_called_good_counts_and_no_other(monkeypatch, capsys):
     ends = {
         "none": MapEnd("none", 20, True, (), 0.02, 0.1, 0.1, 0.15, 0.5),
