@@ -90,8 +90,9 @@ def _kind_of(path: Path) -> str | None:
     units = sum(_is_unit(fields[4:]) for fields in rows)
     if units == len(rows) >= _FEWEST:
         return _TUM
-    # a damaged trajectory has few others
-    return _RELATIONS if 2 * units < len(rows) else None
+    # a damaged trajectory has few others; or its coordinates are no times
+    first, second = (max(float(fields[k]) for fields in rows) for k in (0, 1))
+    return _RELATIONS if 2 * units < len(rows) and 2.0 * second > first else None
 
 
 def _is_unit(quaternion: list[str]) -> bool:

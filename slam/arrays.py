@@ -14,7 +14,8 @@ BoolArray = NDArray[np.bool_]
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
     """A read-only float64 copy of the values; None in `shape` stands for any length. Values that are that
-    already, and no view of others, are not copied: all scans of a laser have one array of angles.
+    already, and no view of others, are taken over, not copied: all scans of a laser have one array of
+    angles. Whoever froze it writes to it no more.
 
     Raises ValueError when the shape is another one.
     """

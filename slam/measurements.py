@@ -114,10 +114,12 @@ class LaserScan:
         return LaserScan(self.time_s, self.angles_rad, ranges_m, self.beam_times_s)
 
     def shortened(self, offset_m: float) -> LaserScan:
-        """The same scan with ranges that are less by an offset [m], not below 0."""
+        """The same scan with ranges that are less by an offset [m]; what is nearer than that is too close."""
         if offset_m == 0.0:
             return self
-        ranges_m = np.where(self.is_hit, np.maximum(self.ranges_m - offset_m, 0.0), self.ranges_m)
+        shorter_m = self.ranges_m - offset_m
+        is_close = self.is_hit & (shorter_m < 0.0)
+        ranges_m = np.where(is_close, -np.inf, np.where(self.is_hit, shorter_m, self.ranges_m))
         return LaserScan(self.time_s, self.angles_rad, ranges_m, self.beam_times_s)
 
 
@@ -154,7 +156,7 @@ class Measurement:
         object.__setattr__(self, "motion_covariance", covariance)
 
     def shortened(self, offset_m: float) -> Measurement:
-        """The same with ranges that are less by an offset [m], not below 0."""
+        """The same with ranges that are less by an offset [m]: see `LaserScan.shortened`."""
         return self if offset_m == 0.0 else replace(self, scan=self.scan.shortened(offset_m))
 
 

@@ -246,6 +246,42 @@ def test_scans_are_moved_all_at_once_as_each():
     assert (all_moved(poses, scans) == np.concatenate(each)).all()
 
 
+def test_what_was_taken_out_leaves_nothing_to_be_matched_with():
+    rng = np.random.default_rng(8)
+    first, then = seen(wall(2.0), (0.0, 2.0)), seen(wall(2.0), (4.0, 2.0))
+    slanted = np.column_stack([rng.uniform(1.0, 3.0, (80, 2)), np.full(80, 0.7)])
+    for empty in (SurfaceMap.clear, lambda one: one.remove(first)):
+        used, new = SurfaceMap(), SurfaceMap()
+        used.add(first)
+        assert match_of(used, first).seen_ratio == 1.0
+        empty(used)
+        for surfaces in (used, new):
+            surfaces.add(then)
+            surfaces.add(slanted)
+        for points in (first, then, slanted):
+            again, anew = match_of(used, points), match_of(new, points)
+            assert again.T_map_base == anew.T_map_base
+            assert (again.information == anew.information).all()
+            assert again.seen_ratio == anew.seen_ratio
+
+
+def test_both_sides_of_a_thin_wall_are_made_anew():
+    # in one cell of all levels: asking for the one must not leave the other as it was
+    near, far = seen(wall(2.02), (0.0, 2.0)), seen(wall(2.06), (4.0, 2.0))
+    surfaces = SurfaceMap()
+    for points in (near, far):
+        surfaces.add(points)
+        match_of(surfaces, points)
+    moved_on = [moved(SE2(0.03, 0.0, 0.0), points) for points in (near, far)]
+    for points in moved_on:
+        surfaces.add(points)
+    anew = SurfaceMap()
+    for points in (near, far, *moved_on):
+        anew.add(points)
+    for points in (near, far):
+        assert match_of(surfaces, points).T_map_base == match_of(anew, points).T_map_base
+
+
 def test_an_empty_map_is_all_zeros():
     # memory is so anyhow until somebody writes to it: people are asked for with a map of their own, and
     # to fill 12 MB with anything else took longer than to ask
