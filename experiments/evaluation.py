@@ -36,6 +36,9 @@ RESULT_FILE = "evaluation.json"
 BUILT = "built of the reference"
 """In place of the name of a file of relations."""
 
+_FEW_COVERED = 0.5
+"""Chosen: poses at the scans of a log cover more of what is asked; those at each tenth do not."""
+
 _DELTAS: dict[str, Callable[[FloatArray], IntArray]] = {
     "next pose": lambda poses: index_pairs(len(poses), 1),
     "1 m": lambda poses: way_pairs(poses, 1.0),
@@ -182,6 +185,7 @@ def table(summary: dict[str, Any], name: str) -> str:
     lines = [f"{name}: {summary['poses']} poses"]
     if summary["reference_coverage"] is not None:
         lines[0] += f", {summary['reference_coverage']:.1%} of the reference covered"
+        lines[0] += _hint_of(summary["reference_coverage"])
     lines.append(f"{'':26}{'count':>7}  " + "".join(f"{key:>9}" for key in _COLUMNS))
     if summary["ate"] is not None:
         lines += _rows("ATE, aligned", summary["ate"])
@@ -190,10 +194,21 @@ def table(summary: dict[str, Any], name: str) -> str:
     for part, score in summary["relations"].items():
         covered = "" if score["coverage"] is None else f", {score['coverage']:.1%} covered"
         if part == "all":
-            lines.append(f"relations {summary['relations_of']}{covered}")
+            lines.append(
+                f"relations {summary['relations_of']}{covered}{_hint_of(score['coverage'])}"
+            )
         if score["count"]:
             lines += _rows(f"  {part}", score)
     return "\n".join(lines)
+
+
+def _hint_of(coverage: float | None) -> str:
+    """What may be the matter where few of the times have a pose."""
+    if coverage is None or coverage >= _FEW_COVERED:
+        return ""
+    return (
+        " (few: --odometry LOG carries poses to the times between them; or are the files swapped?)"
+    )
 
 
 _COLUMNS = ("mean", "std", "rmse", "median", "q95", "q99", "max")

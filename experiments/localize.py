@@ -202,7 +202,7 @@ def table(summary: dict[str, Any]) -> str:
         f" tracking, {summary['unsure']} unsure, {summary['lost']} lost; {_found(summary)}"
     ]
     if summary["warned"]:
-        lines.append(f"{summary['warned']} scans came with warnings, the last one of these:")
+        lines.append(f"{summary['warned']} scans came with warnings; those of the last one:")
         lines += [f"  {warning}" for warning in summary["warnings"]]
     return "\n".join(lines)
 

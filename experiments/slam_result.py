@@ -193,7 +193,10 @@ def table(summary: dict[str, Any]) -> str:
             "odometry: a guess alone; by it as the log tells it, the map did not hold together"
         )
     if summary["range_offset_m"] != 0.0:
-        lines.append(f"ranges: {_off_by(summary['range_offset_m'])} in the log, and put right")
+        lines.append(
+            f"ranges: {_off_by(summary['range_offset_m'])} in the log, and put right where it was mapped"
+            " once more: what else uses this laser has to be told"
+        )
     if summary["wheels"] is not None:
         lines.append(wheels_line(summary["wheels"]))
     return "\n".join(lines)

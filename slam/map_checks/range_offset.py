@@ -107,7 +107,8 @@ def said_of_ranges(keyframes: Sequence[Keyframe], poses: FloatArray) -> list[str
     way = "long" if found.offset_m > 0.0 else "short"
     return [
         f"all ranges are {abs(found.offset_m):.3f} m too {way} (standard deviation {found.sigma_m:.3f} m): scans of one"
-        " surface from several places show it, and the map is bent by it"
+        " surface from several places show it, and the map is bent by it (MapperConfig.range_offset_m puts them"
+        " right, and kitasap slam does so by itself)"
     ]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from experiments.cli import main
-from experiments.evaluation import BUILT, evaluated, odometry_of
+from experiments.evaluation import BUILT, evaluated, odometry_of, table
 from slam.metrics import Relations, built_relations, write_relations
 from slam.pose_arrays import composed
 from slam.trajectory import Trajectory, read_tum, write_tum
@@ -125,6 +125,8 @@ def test_log_carries_sparse_poses_and_without_it_they_cover_little(tmp_path):
     poses = evaluated(sparse, reference)
     assert poses.reference_coverage is not None
     assert poses.reference_coverage < 0.5
+    assert "covered (few: --odometry LOG carries poses" in table(poses.summary(), "sparse.tum")
+    assert "few:" not in table(evaluated(reference, reference).summary(), "reference.tum")
 
 
 def test_file_in_place_of_a_folder_is_refused_before_anything_is_read(tmp_path, capsys):

@@ -40,7 +40,7 @@ def test_warnings_of_the_last_scan_that_had_any_are_told_below():
     counts = {"scans": 9, "tracking": 9, "unsure": 0, "lost": 0, "warned": 3}
     known = {"log": "a", "map": "b", "start": START, "recoveries_s": [], "warnings": ["x", "y"]}
     _, *lines = table(known | counts).splitlines()
-    assert lines == ["3 scans came with warnings, the last one of these:", "  x", "  y"]
+    assert lines == ["3 scans came with warnings; those of the last one:", "  x", "  y"]
 
 
 def test_options_that_warnings_name_are_those_of_the_command(capsys):

@@ -1,5 +1,6 @@
 """A log whose ranges are all too long, as its map shows, is mapped once more with ranges put right."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from experiments.observer import LogObserver
 from experiments.slam_log import default_mapped
 from experiments.slam_passes import best_mapped, mapped_once
 from experiments.slam_result import SlamLog, table
+from slam.map_checks import range_offset
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.measurements import Measurement
@@ -19,6 +21,14 @@ from slam.readers.recognition import read_log
 
 LOG = Path(__file__).parents[1] / "data" / "fr101-excerpt.clf.gz"
 OFFSET_M = 0.1
+
+
+@pytest.fixture(scope="module", autouse=True)
+def asked_of_few_scans() -> Iterator[None]:
+    """The excerpt has 20 scans, of which nothing would be said: here what comes of it is asked."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(range_offset, "_LEAST_SCANS", 15)
+        yield
 
 
 @pytest.fixture(scope="module")
