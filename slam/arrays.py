@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -48,9 +49,13 @@ def read_only(array: FloatArray) -> FloatArray:
     return view
 
 
-@lru_cache(maxsize=64)
-def diagonal_of(sigma: tuple[float, ...]) -> FloatArray:
+def diagonal_of(sigma: Sequence[float]) -> FloatArray:
     """(N, N) covariance of N standard deviations that have nothing to do with each other, read-only."""
+    return _diagonal_of(tuple(sigma))
+
+
+@lru_cache(maxsize=64)
+def _diagonal_of(sigma: tuple[float, ...]) -> FloatArray:
     return read_only(np.diag(np.square(sigma)))
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slam.arrays import frozen_array
+from slam.arrays import diagonal_of, frozen_array
 from slam.beams import Beams
 from slam.measurements import LaserScan
 from slam.se2 import SE2
@@ -39,6 +39,11 @@ def test_values_that_others_may_change_are_copied():
         values[:] = 0.0
     with pytest.raises(ValueError, match=r"must have shape \(2\)"):
         frozen_array(frozen, (2,), "values")
+
+
+def test_deviations_of_a_configuration_may_be_a_list():
+    assert diagonal_of([1.0, 2.0]).tolist() == [[1.0, 0.0], [0.0, 4.0]]
+    assert diagonal_of((1.0, 2.0)) is diagonal_of([1.0, 2.0])
 
 
 def test_beams_with_other_ranges_are_as_if_made_anew():
