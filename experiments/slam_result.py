@@ -14,6 +14,7 @@ from experiments.evaluation import Evaluation
 from experiments.slam_wheels import wheels_line
 from slam.frontend.keyframes import StepStatus
 from slam.loop_closing import without_ties
+from slam.map_checks.range_offset import off_by
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
@@ -151,11 +152,6 @@ def _said_of_map(summary: dict[str, Any]) -> list[str]:
     return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
 
-def _off_by(offset_m: float) -> str:
-    """Of ranges, in words."""
-    return f"{abs(offset_m):.3f} m too {'long' if offset_m > 0.0 else 'short'}"
-
-
 def _of_sessions(summary: dict[str, Any]) -> str:
     """What a map's counts are of, where it has more than the session told of."""
     count = len(summary["sessions"])
@@ -194,7 +190,7 @@ def table(summary: dict[str, Any]) -> str:
         )
     if summary["range_offset_m"] != 0.0:
         lines.append(
-            f"ranges: {_off_by(summary['range_offset_m'])} in the log, and put right where it was mapped"
+            f"ranges: {off_by(summary['range_offset_m'])} in the log, and put right where it was mapped"
             " once more: what else uses this laser has to be told"
         )
     if summary["wheels"] is not None:

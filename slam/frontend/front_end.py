@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, diagonal_of
 from slam.beams import Beams
 from slam.frontend.candidates import Candidates
 from slam.frontend.constant_velocity import ConstantVelocity, coasting_covariance
@@ -169,10 +169,10 @@ class FrontEnd:
         and just where one was found by a search alone."""
         covariance, config = self._P, self.config
         if status is StepStatus.BROKEN:
-            covariance = self._P = self._P + np.diag(np.square(config.break_sigma))
+            covariance = self._P = self._P + diagonal_of(config.break_sigma)
         elif status is StepStatus.SEARCHED:
             reach = config.reach_m, config.reach_m, config.reach_rad
-            covariance = self._P + np.diag(np.square(reach))
+            covariance = self._P + diagonal_of(reach)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         return ToldStep(T_keyframe.between(told.T_map_base), covariance)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.strays import ToldStep
@@ -99,7 +99,7 @@ class OpenRun:
         if seen is None:
             return None
         T_seen = keyframes[self.before].T_map_base.inverse() @ seen.T_map_base
-        covariance = seen.covariance + np.diag(np.square(self._config.step_sigma))
+        covariance = seen.covariance + diagonal_of(self._config.step_sigma)
         # all that is told of noisy wheels is that much less sure
         *poses, T_map_base = self.moved(keyframes, step, T_seen, covariance / noise)
         for k, pose in enumerate(poses, start=self._first):

@@ -104,12 +104,16 @@ def said_of_ranges(keyframes: Sequence[Keyframe], poses: FloatArray) -> list[str
     found = range_offset(keyframes, poses)
     if found is None or not found.is_shown:
         return []
-    way = "long" if found.offset_m > 0.0 else "short"
     return [
-        f"all ranges are {abs(found.offset_m):.3f} m too {way} (standard deviation {found.sigma_m:.3f} m): scans of one"
+        f"all ranges are {off_by(found.offset_m)} (standard deviation {found.sigma_m:.3f} m): scans of one"
         " surface from several places show it, and the map is bent by it (MapperConfig.range_offset_m puts them"
         " right, and kitasap slam does so by itself)"
     ]
+
+
+def off_by(offset_m: float) -> str:
+    """Of ranges that are too long by an offset [m], in words."""
+    return f"{abs(offset_m):.3f} m too {'long' if offset_m > 0.0 else 'short'}"
 
 
 def range_offset(keyframes: Sequence[Keyframe], poses: FloatArray) -> RangeOffset | None:
