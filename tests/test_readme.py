@@ -66,3 +66,13 @@ def test_what_the_table_of_map_ends_is_of_is_said_before_it(term):
 def test_the_links_and_pictures_are_there():
     for target in re.findall(r"\]\(([^)#:]+)\)", README.read_text()):
         assert (README.parent / target).is_file(), target
+
+
+def test_the_tests_that_it_names_are_where_it_says():
+    """It once named those of `tests/slam` without their folders."""
+    tests = README.parent / "tests"
+    named = re.findall(r"`([\w/]*test_\w+\.py)`", README.read_text())
+    assert len(named) >= 30  # or the pattern finds no table
+    for path in named:
+        # the tables say above them that theirs are below tests/slam
+        assert any((folder / path).is_file() for folder in (README.parent, tests / "slam")), path
