@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from slam.range_noise import RangeNoise
 from slam.scan_match import RangeFit
 
 _MEMORY = 50
@@ -14,6 +15,8 @@ _MOST_NIS = 25.0
 """One slip of a tire is no trend: it counts as so much at most."""
 _LEAST = 30
 """Chosen: no word on trends before so many scans."""
+_LEAST_SIGMA_M = 0.001
+"""As small a noise as `kitasap localize` takes; ranges without any, of a simulation, scatter less."""
 _CHECK = "check where the laser sits (of a log: --mount), and the wheels' radii and track"
 
 
@@ -37,6 +40,7 @@ class InnovationMonitor:
     _offset_pull: float = 0.0
     _strain: float = 0.0
     _missing: float = 0.0
+    _noise: RangeNoise | None = None
 
     def take(
         self,
@@ -58,6 +62,7 @@ class InnovationMonitor:
         if fit is not None:
             self._scale += share * (fit.scale - self._scale)
             self._missing += share * (fit.missing_ratio - self._missing)
+            self._noise = fit.noise
             if math.isfinite(fit.offset_sigma_m) and fit.offset_sigma_m > 0.0:
                 information = fit.offset_sigma_m**-2
                 self._offset_information += information
@@ -84,7 +89,7 @@ class InnovationMonitor:
         if self._scale and not low <= self._scale <= high:
             said.append(
                 f"ranges scatter {self._scale:.2f} times as wide as the laser model's noise says:"
-                " multiply its sigma by that (of a log: --range-sigma)"
+                f" {_sigma_to_give(self._noise, self._scale)}"
             )
         if self.has_offset:
             said.append(
@@ -108,3 +113,21 @@ class InnovationMonitor:
                 f" the scans: {_CHECK}"
             )
         return tuple(said)
+
+
+def _sigma_to_give(noise: RangeNoise | None, scale: float) -> str:
+    """What to assume of the noise in place of what was, where that is known, in words."""
+    if noise is None:
+        return "multiply its sigma by that (of a log: --range-sigma)"
+    fitting = [
+        (at_m, max(scale * sigma_m, _LEAST_SIGMA_M), sigma_m) for at_m, sigma_m in noise.sigma_at_m
+    ]
+    (near_m, sigma_m, was_m), (far_m, most_m, _) = fitting[0], fitting[-1]
+    if len(fitting) > 1:
+        return (
+            f"give it sigmas from {sigma_m:.2g} m at {near_m:g} m to {most_m:.2g} m at {far_m:g} m"
+        )
+    return (
+        f"give it a sigma of {sigma_m:.2g} m, where it has {was_m:.2g} m (of a log:"
+        f" --range-sigma {sigma_m:.2g})"
+    )

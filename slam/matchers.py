@@ -241,8 +241,9 @@ class LimitMatcher:
             IcpStep(best.T_map_base, best.cost, best.used),
         )
         fit = RangeFit(
-            best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m, best.missing_ratio
-        )
+            best.inlier_ratio, best.scale, best.offset_m, best.offset_sigma_m, best.missing_ratio,
+            self.laser.noise,
+        )  # fmt: skip
         information = sure = best.information
         if not self.segment_map.is_exact:
             information = sure = self.fast.sure_of(beams, information)

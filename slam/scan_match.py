@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from slam.arrays import FloatArray
+from slam.range_noise import RangeNoise
 from slam.se2 import SE2
 
 _WIDE = 2.0
@@ -42,7 +43,8 @@ class RangeFit:
 
     inlier_ratio: share of the beams within four sigmas. scale: scatter of the residuals in units of
     the noise assumed. offset_m, offset_sigma_m: range offset common to all beams. missing_ratio:
-    share of the beams that went through walls of an exact map.
+    share of the beams that went through walls of an exact map. noise: that which was assumed, None
+    where it is not told.
     """
 
     inlier_ratio: float
@@ -50,6 +52,7 @@ class RangeFit:
     offset_m: float
     offset_sigma_m: float
     missing_ratio: float = 0.0
+    noise: RangeNoise | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slam.consistency import InnovationMonitor
+from slam.range_noise import RangeNoise
 from slam.scan_match import RangeFit
 
 OFFSET_SIGMA_M = 0.0005
@@ -16,8 +17,9 @@ def fit(
     offset_m: float = 0.0,
     sigma_m: float = OFFSET_SIGMA_M,
     missing_ratio: float = 0.0,
+    noise: RangeNoise | None = None,
 ) -> RangeFit:
-    return RangeFit(0.98, scale, offset_m, sigma_m, missing_ratio)
+    return RangeFit(0.98, scale, offset_m, sigma_m, missing_ratio, noise)
 
 
 def warned(nis: float | None, range_fit: RangeFit | None, count: int = 60) -> tuple[str, ...]:
@@ -46,6 +48,26 @@ def test_scans_as_assumed_are_never_warned_of(seed):
 def test_noise_of_another_width_is_said_with_its_width(scale):
     (said,) = warned(3.0, fit(scale))
     assert f"scatter {scale:.2f} times" in said
+
+
+@pytest.mark.parametrize(
+    ("noise", "scale", "advice"),
+    [
+        (
+            ((0.0, 0.02),), 0.66,
+            "give it a sigma of 0.013 m, where it has 0.02 m (of a log: --range-sigma 0.013)",
+        ),
+        (((1.0, 0.01), (5.6, 0.056)), 2.0, "give it sigmas from 0.02 m at 1 m to 0.11 m at 5.6 m"),
+        # less would be refused
+        (
+            ((0.0, 0.02),), 0.01,
+            "give it a sigma of 0.001 m, where it has 0.02 m (of a log: --range-sigma 0.001)",
+        ),
+    ],
+)  # fmt: skip
+def test_noise_that_would_fit_is_said_where_that_assumed_is_known(noise, scale, advice):
+    (said,) = warned(3.0, fit(scale, noise=RangeNoise(noise)))
+    assert said.endswith(f" noise says: {advice}")
 
 
 @pytest.mark.parametrize("scale", [1.25, 0.8])

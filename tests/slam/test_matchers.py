@@ -303,6 +303,20 @@ def test_offset_of_the_laser_is_warned_of_while_the_robot_drives(room):
     assert said == pytest.approx([5.0], abs=0.6)
 
 
+def test_noise_of_the_laser_is_warned_of_with_the_sigma_that_it_has(room):
+    rng = np.random.default_rng(0)
+    robot = localizer("limit", room["limit"], ROOM_CENTRE, LASER)
+    for i in range(20):
+        scan = scan_of(ROOM_SEGMENTS, ROOM_CENTRE @ LASER, rng, 2.0 * SIGMA_M)
+        estimate = robot.update(
+            Measurement(0.1 * i, SE2.identity(), at_once(scan, 0.1 * i), STEP_COVARIANCE)
+        )
+    (said,) = [w for w in estimate.warnings if w.startswith("ranges scatter")]
+    sigma_m = float(said.rpartition("--range-sigma ")[2].rstrip(")"))
+    # 480 beams tell a sigma to 3 %, 20 scans to less than the two digits that are told
+    assert sigma_m == pytest.approx(2.0 * SIGMA_M, rel=0.1)
+
+
 # thin boards that stand about: each shows two edges
 BOARDS = np.array(
     [
