@@ -75,7 +75,10 @@ def _by_right_ranges(looked: _Looked, mapped: Callable[..., SlamLog]) -> _Looked
     again = mapped(log, config)
     if said_of_ranges(again.slam_map.keyframes, again.slam_map.poses):
         return looked._replace(best=_beside(first, again), passes=passes + 1)
-    again = replace(again, used_pass=passes, wheels=first.wheels, range_offset_m=found.offset_m)
+    again = replace(
+        again, used_pass=passes, wheels=first.wheels, range_offset_m=found.offset_m,
+        range_offset_sigma_m=found.sigma_m,
+    )  # fmt: skip
     return _Looked(log, config, _beside(again, first), passes + 1)
 
 
@@ -95,7 +98,7 @@ def _by_doubted_odometry(looked: _Looked, mapped: Callable[..., SlamLog]) -> Sla
         return _beside(first, again)
     again = replace(
         again, used_pass=passes, wheels=first.wheels, is_odometry_doubted=True,
-        range_offset_m=config.range_offset_m,
+        range_offset_m=first.range_offset_m, range_offset_sigma_m=first.range_offset_sigma_m,
     )  # fmt: skip
     return _beside(again, first)
 

@@ -37,7 +37,7 @@ class SlamLog:
     wheels: what calibrating them from the drive gave, where the log tells their ticks.
     is_odometry_doubted: whether odometry was taken for a guess alone, since the map by it as told did
     not hold together. range_offset_m: by which all ranges were taken to be too long, since a map by them as
-    told had shown it. notes: what of the log was taken, in words. used_pass: which pass over the log
+    told had shown it; range_offset_sigma_m: standard deviation of that. notes: what of the log was taken, in words. used_pass: which pass over the log
     this is, from 0, where it was mapped more than once; other_passes_cpu_s: what the others took.
     """
 
@@ -56,6 +56,7 @@ class SlamLog:
     wheels: dict[str, Any] | None = None
     is_odometry_doubted: bool = False
     range_offset_m: float = 0.0
+    range_offset_sigma_m: float = 0.0
     notes: tuple[str, ...] = ()
     used_pass: int = 0
     other_passes_cpu_s: float = 0.0
@@ -101,6 +102,7 @@ class SlamLog:
             "wheels": self.wheels,
             "odometry_doubted": self.is_odometry_doubted,
             "range_offset_m": self.range_offset_m,
+            "range_offset_sigma_m": self.range_offset_sigma_m,
             "evaluation": None if self.evaluation is None else self.evaluation.summary(),
         }
 
@@ -190,8 +192,9 @@ def table(summary: dict[str, Any]) -> str:
         )
     if summary["range_offset_m"] != 0.0:
         lines.append(
-            f"ranges: {off_by(summary['range_offset_m'])} in the log, and put right where it was mapped"
-            " once more: what else uses this laser has to be told"
+            f"ranges: {off_by(summary['range_offset_m'])} in the log (standard deviation"
+            f" {summary['range_offset_sigma_m']:.3f} m), and put right where it was mapped once more: what"
+            " else uses this laser has to be told"
         )
     if summary["wheels"] is not None:
         lines.append(wheels_line(summary["wheels"]))

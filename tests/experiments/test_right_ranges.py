@@ -54,7 +54,11 @@ def test_ranges_are_put_right_by_what_scans_of_the_same_surfaces_show(told, put_
     assert put_right.used_pass == 1
     summary = put_right.summary()
     assert summary["range_offset_m"] == put_right.range_offset_m
-    assert f"ranges: {put_right.range_offset_m:.3f} m too long in the log" in table(summary)
+    # known to less than a fifth of it, or nothing would have been put right
+    assert 0.0 < summary["range_offset_sigma_m"] < OFFSET_M / 5.0
+    told_m = put_right.range_offset_m, put_right.range_offset_sigma_m
+    words = "ranges: {:.3f} m too long in the log (standard deviation {:.3f} m), and put right"
+    assert words.format(*told_m) in table(summary)
     assert "another pass over the log" in table(summary)
 
 
@@ -107,6 +111,7 @@ def test_odometry_is_doubted_with_ranges_that_are_put_right(log, told, put_right
     assert result.is_odometry_doubted
     assert result.used_pass == 2
     assert result.range_offset_m == pytest.approx(OFFSET_M, abs=0.02)
+    assert result.range_offset_sigma_m == put_right.range_offset_sigma_m
 
 
 def test_interrupt_leaves_the_last_map_that_was_made(log, told, put_right):
