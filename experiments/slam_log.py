@@ -60,7 +60,7 @@ def run(
         return result
     name = None if relations is None else relations.name
     evaluation = evaluated(result.trajectory, against, related, relations_of=name)
-    return replace(result, evaluation=evaluation)
+    return replace(result, evaluation=evaluation, reference=against)
 
 
 def default_mapped(log: Log, known: SlamMap | None = None) -> SlamLog:

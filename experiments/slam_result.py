@@ -12,9 +12,11 @@ import numpy as np
 
 from experiments.evaluation import Evaluation
 from experiments.slam_wheels import wheels_line
+from slam.arrays import FloatArray
 from slam.frontend.keyframes import StepStatus
 from slam.loop_closing import without_ties
 from slam.map_checks.range_offset import off_by
+from slam.pose_lookup import PoseLookup
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
 from slam.trajectory import Trajectory
@@ -31,7 +33,7 @@ class SlamLog:
     updates, the reading of the log among them, and of the end; slowest_update_cpu_s: of one scan;
     warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which memory had grown
     with the last scan, None where the system does not tell.
-    evaluation: against a reference, where there is one. continued: name of the map that the log's
+    evaluation: against a reference, where there is one. reference: its poses as told. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, from 1, None: with
     none, but at the end, if at all; start: pose of its first scan there as it was told, None: searched for.
     wheels: what calibrating them from the drive gave, where the log tells their ticks.
@@ -50,6 +52,7 @@ class SlamLog:
     warm_up_cpu_s: float
     memory_mb: float | None
     evaluation: Evaluation | None = None
+    reference: Trajectory | None = None
     continued: str | None = None
     joined_at: int | None = None
     start: SE2 | None = None
@@ -65,6 +68,17 @@ class SlamLog:
     def way_m(self) -> float:
         """Along the trajectory."""
         return float(np.hypot(*np.diff(self.trajectory.poses[:, :2], axis=0).T).sum())
+
+    def reference_way(self) -> FloatArray | None:
+        """(N, 2) the reference in the order of time, laid on the map as the ATE is taken, map frame [m];
+        nan where the trajectory has no pose; None without any reference."""
+        if self.reference is None or self.evaluation is None or self.evaluation.absolute is None:
+            return None
+        told = self.reference.in_order()
+        T_map_reference = self.evaluation.absolute.T_true_estimated.inverse()
+        poses = PoseLookup(self.trajectory).at(told.times_s)
+        is_covered = np.isfinite(poses).all(axis=1, keepdims=True)
+        return np.where(is_covered, T_map_reference @ told.poses[:, :2], math.nan)
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers, for `summary.json`."""

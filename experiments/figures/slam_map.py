@@ -1,6 +1,7 @@
 """The picture of a log that was mapped: the map, the robot's way on it, and the loops."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -17,10 +18,12 @@ from slam.se2 import SE2
 
 _MARGIN_M = 1.0
 _WIDTH_IN = 9.0
+_REFERENCE: dict[str, Any] = {"color": "#000000", "lw": 0.8, "ls": (0, (3, 3)), "zorder": 3}
 
 
 def slam_map_picture(folder: Path, result: SlamLog) -> Path:
-    """The occupancy grid, the way coloured by time, loops that were kept and rejected.
+    """The occupancy grid, the way coloured by time, loops that were kept and rejected, and the
+    reference dashed, where there is one.
 
     Writes `slam.png` and `.svg` into the folder. Of a map that no grid holds: its points.
     """
@@ -51,6 +54,10 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
         array=trajectory.times_s[:-1] - trajectory.times_s[0], cmap="viridis", lw=1.2,
     )  # fmt: skip
     axes.add_collection(way)
+    reference = result.reference_way()
+    if reference is not None:
+        # above a way that is nearly the same, which shows between the dashes
+        axes.plot(*reference.T, **_REFERENCE, label="reference, aligned")
     axes.plot(*trajectory.poses[0, :2], "o", color="#0072b2", ms=6, label="start")
     axes.plot(*trajectory.poses[-1, :2], "s", color="#d55e00", ms=6, label="end")
     figure.colorbar(way, ax=axes, shrink=0.6, label="time [s]")

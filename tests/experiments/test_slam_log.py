@@ -2,19 +2,25 @@
 
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
 from experiments.cli import main
+from experiments.figures import slam_map
 from experiments.known_maps import map_of_file
+from experiments.slam_log import run
 from experiments.slam_result import few_of, table
 from slam import read_map, read_slam_map, read_tum
 from slam.known_map import USUAL_LASER
 from slam.open3d_backend import load_open3d
 from slam.pose_graph import read_g2o
+from slam.pose_lookup import PoseLookup
+from slam.trajectory import Trajectory
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
@@ -87,6 +93,41 @@ def test_points_are_the_map_s_in_a_file_that_others_read(folder):
 def test_few_reasons_are_told_of_many():
     assert few_of(["a", "b", "c"]) == ["a", "b", "c"]
     assert few_of(list("abcde")) == ["a", "b", "and 3 more in summary.json"]
+
+
+def test_picture_shows_the_reference_where_the_ate_lays_it(folder, tmp_path, monkeypatch):
+    """It once showed the estimate alone, though a reference was given."""
+    drawn: list[Figure] = []
+
+    def keep(figure: Figure, _: Path) -> Path:
+        drawn.append(figure)
+        return tmp_path / "slam.png"
+
+    monkeypatch.setattr(slam_map, "saved", keep)
+    result = run(LOG, REFERENCE)
+    slam_map.slam_map_picture(tmp_path, result)
+    slam_map.slam_map_picture(tmp_path, replace(result, reference=None))
+    with_it, without = ({line.get_label(): line for line in one.axes[0].lines} for one in drawn)
+    assert set(with_it) - set(without) == {"reference, aligned"}
+    reference = read_tum(REFERENCE)
+    estimated = PoseLookup(result.trajectory).at(reference.times_s)[:, :2]
+
+    def rmse_m(positions: np.ndarray) -> float:
+        return float(np.sqrt(np.square(positions - estimated).sum(axis=1).mean()))
+
+    ate_m = result.evaluation.absolute.position_m.rmse
+    assert rmse_m(with_it["reference, aligned"].get_xydata()) == pytest.approx(ate_m)
+    # as told it lies elsewhere
+    assert rmse_m(reference.poses[:, :2]) > 1.3 * ate_m
+
+
+def test_reference_is_not_drawn_where_the_log_has_no_pose():
+    result = run(LOG, REFERENCE)
+    reference = read_tum(REFERENCE)
+    late = Trajectory(np.append(reference.times_s, 1e10), np.vstack([reference.poses, [9, 9, 0]]))
+    way = replace(result, reference=late).reference_way()
+    assert np.isnan(way[-1]).all()
+    assert np.isfinite(way[:-1]).all()
 
 
 def test_picture_is_there(folder):
