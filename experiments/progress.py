@@ -60,6 +60,13 @@ class _Bar:
             # what comes now may keep the thread that draws from its turn
             self._bar.refresh()
 
+    def tell(self, line: str) -> None:
+        """Says something that stays: above the bar, where there is one."""
+        if self._is_hidden:
+            print(f"{self._name}: {line}", file=sys.stderr)
+        else:
+            self._bar.console.print(f"{self._name}: {line}", markup=False, highlight=False)
+
     def _tell_tenth(self, done: int, total: int, words: str) -> None:
         """Where each tenth of so many begins to be over; anew where it is done once more."""
         tenths = 10 * done // total
@@ -87,13 +94,6 @@ class TrialProgress(_Bar):
             for name in self._successes:
                 self._successes[name] += record["methods"][name]["success"]
         self._show(self._done, self._text())
-
-    def tell(self, line: str) -> None:
-        """Says what went wrong and was mended."""
-        if self._is_hidden:
-            print(f"{self._name}: {line}", file=sys.stderr)
-        else:
-            self._bar.console.print(f"{self._name}: {line}", markup=False, highlight=False)
 
     def compiling(self) -> None:
         """Says why nothing happens yet."""

@@ -1,6 +1,7 @@
 """The commands on recorded logs: `kitasap slam`, `kitasap localize` and `kitasap real-log`."""
 
 import math
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,6 +23,7 @@ from experiments.outputs import files_before, results_of_one, results_together
 from experiments.protocols import DEFAULT_METHOD, REAL_LOG_FILES
 
 if TYPE_CHECKING:
+    from experiments.progress import ScanProgress, SlamProgress
     from slam.mapping import MapperStep
     from slam.readers.log import LogChoice
     from slam.se2 import SE2
@@ -145,7 +147,11 @@ def localize(
     if range_sigma is not None:
         config = replace(config, range_sigma_m=range_sigma)
     with results_of_one(out, "localize"):
-        with shown(rerun, log.name) as stream, ScanProgress(log.name) as progress:
+        with (
+            shown(rerun, log.name) as stream,
+            ScanProgress(log.name) as progress,
+            _told_of_compiling(progress),
+        ):
             observer = NO_ONE if stream is None else RerunLog(stream)
             result = localizing.run(
                 known_map, log, T_start, config, progress.update, choice, observer
@@ -179,6 +185,14 @@ def log_choice(
     from slam.readers.log import LogChoice
 
     return LogChoice(scan_topic, odom_topic, _pose(mount, "--mount"))
+
+
+def _told_of_compiling(progress: "SlamProgress | ScanProgress") -> AbstractContextManager[None]:
+    """Why nothing happens yet is said on a new machine, where kernels are compiled."""
+    from slam.compiling import told_of_compiling
+
+    said = "compiling, some 30 s; once per checkout"
+    return told_of_compiling(lambda: progress.tell(said))
 
 
 def _print_notes(notes: tuple[str, ...]) -> None:
@@ -227,7 +241,11 @@ def slam(
     if known_map is not None and known_map.resolve() == (out / "map.kitasap").resolve():
         raise ValueError(f"--out {out} holds the map that is continued: give another folder")
     with results_of_one(out, "slam"), slam_files.OnlinePoses(out) as online:
-        with shown(rerun, log.name) as stream, SlamProgress(log.name) as progress:
+        with (
+            shown(rerun, log.name) as stream,
+            SlamProgress(log.name) as progress,
+            _told_of_compiling(progress),
+        ):
             observer = NO_ONE if stream is None else RerunLog(stream)
 
             def on_scan(index: int, scans: int, step: "MapperStep") -> None:

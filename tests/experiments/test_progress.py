@@ -5,6 +5,7 @@ import io
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import pytest
 
 from experiments.cli import main
@@ -47,6 +48,24 @@ def test_slam_says_that_it_finishes_the_map(shown, tmp_path, monkeypatch):
     assert "; finishing the map" in text
     # and not for ever
     assert "finishing" not in text.splitlines()[-1]
+
+
+def test_slam_says_why_nothing_happens_where_kernels_are_compiled(
+    shown, tmp_path, monkeypatch, capsys
+):
+    """It once was silent for half a minute on a new machine."""
+    monkeypatch.setattr("experiments.figures.slam_map_picture", lambda *_: None)
+    monkeypatch.setattr(
+        "experiments.slam_passes.warm_up", lambda **_: numba.njit(lambda number: 2 * number)(2)
+    )
+    told = f"{Path(LOG).name}: compiling, some 30 s; once per checkout"
+    text = shown("slam", LOG, "--out", str(tmp_path))
+    assert text.count(told) == 1
+    # and where no terminal is
+    assert main(["slam", LOG, "--out", str(tmp_path)]) == 0
+    out, err = capsys.readouterr()
+    assert err.splitlines()[0] == told
+    assert "compiling" not in out
 
 
 @pytest.mark.slow
