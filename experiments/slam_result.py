@@ -168,25 +168,26 @@ def _said_of_map(summary: dict[str, Any]) -> list[str]:
     return [f"by its own account poses are off by some {drift_m:.2f} m (RMS)"]
 
 
-def _of_sessions(summary: dict[str, Any]) -> str:
-    """What a map's counts are of, where it has more than the session told of."""
+def _of_what(summary: dict[str, Any]) -> tuple[str, str]:
+    """What the map's numbers are of, and what the log's, where the map has more sessions than that of the log."""
     count = len(summary["sessions"])
-    return f", of {count} sessions" if count > 1 else ""
+    return (f" of {count} sessions", " of this session") if count > 1 else ("", "")
 
 
 def table(summary: dict[str, Any]) -> str:
     """The summary for people to read."""
-    cpu = summary["cpu_s"]
+    cpu, (of_all, of_this) = summary["cpu_s"], _of_what(summary)
     lines = [
         f"{summary['log']}: {summary['scans']} scans, {summary['way_m']:.0f} m in"
         f" {summary['duration_s']:.0f} s",
-        f"map: {summary['verdict']}" + "".join(f"; {said}" for said in _said_of_map(summary)),
+        f"map{of_all}: {summary['verdict']}"
+        + "".join(f"; {said}" for said in _said_of_map(summary)),
         f"on it: {summary['keyframes']} keyframes, {summary['loops']} loops"
-        f" ({summary['loops_rejected']} rejected){_of_sessions(summary)}",
-        f"scans: {summary['matched']} matched, {summary['searched']} found by search,"
+        f" ({summary['loops_rejected']} rejected)",
+        f"scans{of_this}: {summary['matched']} matched, {summary['searched']} found by search,"
         f" {summary['carried']} placed by no scan (the first one among them), {summary['broken']} broke"
         " off",
-        f"CPU: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
+        f"CPU{of_this}: {cpu['online']:.1f} s online ({1000 * cpu['slowest_update']:.0f} ms at most for a"
         f" scan), {cpu['finish']:.1f} s to finish; {_grown(summary['memory_mb'])}",
     ]
     if summary["continued"] is not None:

@@ -66,9 +66,12 @@ def slam_map_picture(folder: Path, result: SlamLog) -> Path:
     said = result.said_of_map
     if result.is_odometry_doubted:
         said += ", by odometry as a guess alone"
+    count = slam_map.session_count
+    # the way is of the log alone
+    of_all = f", of {count} sessions" if count > 1 else ""
     axes.set_title(
         f"{plain(result.name)}: {result.way_m:.0f} m, {len(slam_map.keyframes)} keyframes,"
-        f" {len(without_ties(slam_map.loops))} loops\nmap {said}", fontsize=10, wrap=True,
+        f" {len(without_ties(slam_map.loops))} loops{of_all}\nmap {said}", fontsize=10, wrap=True,
     )  # fmt: skip
     axes.legend(loc="upper right", fontsize=8)
     return saved(figure, folder / "slam")

@@ -202,6 +202,9 @@ def test_log_continues_a_map(folder, tmp_path, capsys):
     said = capsys.readouterr().out
     summary = json.loads((out / "summary.json").read_text())
     assert summary["verdict"] == "good"
+    # which numbers are of the log, and which of the map
+    for told in ("map of 2 sessions: good", "scans of this session: ", "CPU of this session: "):
+        assert f"\n{told}" in said
     told = f"session 2, on map.kitasap: joined at scan {summary['joined_at']} of {summary['scans']}"
     assert told in said
     # where no scan but the end showed it
@@ -231,9 +234,8 @@ def test_session_of_another_place_is_said_to_be_never_joined(folder, tmp_path, c
     searched = table(summary | {"start": None, "memory_mb": -12.0})
     assert "never joined (nothing that it saw was found on the map beyond doubt)" in searched
     assert "; memory did not grow" in searched
-    assert ", of 2 sessions" in said
     assert "placed by no scan (the first one among them)" in said
-    assert "map: failed; session 2" in said
+    assert "map of 2 sessions: failed; session 2" in said
     line = refusal(capsys, "slam", LOG, "--map", tmp_path / "map.kitasap", "--out", tmp_path / "c")
     assert "session 2 of the map was never joined" in line
     # whoever localises on it is told
