@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -33,6 +34,8 @@ VERDICT_COLUMNS = (
 there is any; covariance of its tangent in the base frame, empty where nothing is claimed, as by a
 robot that is lost; reasons of the status, and warnings of what does not fit map, laser or wheels
 whatever the status is, each joined by "; "."""
+
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class LocalizedLog:
 
     def summary(self) -> dict[str, Any]:
         """How often which verdict, how long it took to be found, and of how many scans there were
-        warnings; those of the last such scan."""
+        warnings; those of the last such scan; of how many each kind, as its last one says it."""
         counts = Counter(status.value for status in self.statuses())
         recoveries = [
             estimate.verdict.recovery_s
@@ -89,6 +92,7 @@ class LocalizedLog:
             "recoveries_s": recoveries,
             "warned": len(warned),
             "warnings": list(warned[-1].warnings) if warned else [],
+            "warned_of": _warned_of(self.estimates),
             "config": asdict(self.config),
         }
 
@@ -195,15 +199,27 @@ def write_results(result: LocalizedLog, folder: Path) -> None:
     write_tum(folder / "trajectory.tum", result.trajectory())
 
 
+def _warned_of(estimates: Sequence[Estimate]) -> list[dict[str, Any]]:
+    """Each kind of warning once, of most scans first: warnings that differ by their numbers are one kind."""
+    last, counts = dict[str, str](), Counter[str]()
+    for estimate in estimates:
+        told = {_NUMBER.sub("", warning): warning for warning in estimate.warnings}
+        last.update(told)
+        counts.update(told.keys())
+    return [{"scans": count, "last": last[kind]} for kind, count in counts.most_common()]
+
+
 def table(summary: dict[str, Any]) -> str:
-    """The summary for people to read; of the warnings those of the last scan that had any."""
+    """The summary for people to read; each kind of warning once, with how many scans it is of."""
     lines = [
         f"{summary['log']} on {summary['map']}: {summary['scans']} scans: {summary['tracking']}"
         f" tracking, {summary['unsure']} unsure, {summary['lost']} lost; {_found(summary)}"
     ]
     if summary["warned"]:
-        lines.append(f"{summary['warned']} scans came with warnings; those of the last one:")
-        lines += [f"  {warning}" for warning in summary["warnings"]]
+        lines.append(f"{summary['warned']} scans came with warnings; the last one of each kind:")
+        for one in summary["warned_of"]:
+            scans = "1 scan" if one["scans"] == 1 else f"{one['scans']} scans"
+            lines.append(f"  {scans}: {one['last']}")
     return "\n".join(lines)
 
 

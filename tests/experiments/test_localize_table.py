@@ -1,16 +1,21 @@
 """`kitasap localize` in a line: what was found, and what was never lost."""
 
+import math
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from experiments import localize
 from experiments.cli import main
 from experiments.known_maps import LogConfig
-from experiments.localize import table
+from experiments.localize import LocalizedLog, table
 from slam.consistency import InnovationMonitor
-from slam.scan_match import RangeFit
+from slam.known_map import KnownMap
+from slam.localization import Estimate
+from slam.scan_match import IcpStep, RangeFit, ScanMatch
+from slam.se2 import SE2
 from tests.experiments.refusals import refusal
 
 START = [0.0, 0.0, 0.0]
@@ -36,11 +41,21 @@ def test_line_tells_recoveries_only_where_something_was_lost(start, lost, recove
     assert line.endswith(f" {lost} lost; {said}")
 
 
-def test_warnings_of_the_last_scan_that_had_any_are_told_below():
-    counts = {"scans": 9, "tracking": 9, "unsure": 0, "lost": 0, "warned": 3}
-    known = {"log": "a", "map": "b", "start": START, "recoveries_s": [], "warnings": ["x", "y"]}
-    _, *lines = table(known | counts).splitlines()
-    assert lines == ["3 scans came with warnings; those of the last one:", "  x", "  y"]
+def test_each_kind_of_warning_is_told_once_with_how_many_scans_it_is_of():
+    """Those of the last scan once were all that was told, of however many scans they were."""
+    said = (("moved at 0.1 m/s",), ("gone 1 %", "moved at -0.25 m/s"), (), ("moved at 3 m/s",))
+    pose, match = SE2.identity(), ScanMatch.lost([IcpStep(SE2.identity(), math.inf, 0)])
+    estimates = tuple(
+        Estimate(0.1 * k, pose, pose, match, warnings=one) for k, one in enumerate(said)
+    )
+    known = KnownMap(np.zeros((1, 2)), LogConfig().laser)
+    result = LocalizedLog("a", "b", LogConfig(), known, estimates, np.empty((0, 2)), pose)
+    _, *lines = table(result.summary()).splitlines()
+    assert lines == [
+        "3 scans came with warnings; the last one of each kind:",
+        "  3 scans: moved at 3 m/s",
+        "  1 scan: gone 1 %",
+    ]
 
 
 def test_options_that_warnings_name_are_those_of_the_command(capsys):
