@@ -90,7 +90,7 @@ def summary_table(summary: dict[str, Any], poses: str, where: str) -> Table:
 def _mapping_table(summary: dict[str, Any], poses: str, where: str) -> Table:
     methods, trials = summary["methods"], summary["trials"]
     table = Table(
-        title=f"{title_of('mapping', poses)}\n{where}, {trials} trials, {poses} way",
+        title=f"{title_of('mapping', poses)}\n{where}, {_count_of(trials, 'trial')}, {poses} way",
         caption="Success: ATE at most 5 cm, precision and recall at least 0.99 at 5 cm, and not called"
         " failed. The paper: it 'occasionally failed in mapping'.",
         box=box.SIMPLE_HEAD,
@@ -151,8 +151,12 @@ def _percent(rate: float | None) -> str:
 def _counted(summary: dict[str, Any]) -> str:
     trials, samples = summary["trials"], summary["samples"]
     if summary["experiment"] != "tracking":
-        return f"{trials} trials"
-    return f"{trials} drives, {samples} samples, one each 2 s"
+        return _count_of(trials, "trial")
+    return f"{_count_of(trials, 'drive')}, {samples} samples, one each 2 s"
+
+
+def _count_of(count: int, noun: str) -> str:
+    return f"1 {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _nees(method: dict[str, Any]) -> str:

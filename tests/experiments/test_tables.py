@@ -72,7 +72,9 @@ def test_nearly_all_is_not_called_all():
 
 
 def test_table_says_where_its_trials_were():
-    assert any("room_fig4, urg_04lx, 1 trials" in line for line in rendered("kidnap", [RAISED]))
+    for count, words in ((1, "1 trial,"), (2, "2 trials,")):
+        lines = rendered("kidnap", [RAISED] * count)
+        assert any(f"room_fig4, urg_04lx, {words}" in line for line in lines)
 
 
 def test_title_says_what_was_done():
