@@ -42,9 +42,6 @@ known roughly. Chosen."""
 _LEAST_KNOWN = 1e-9
 """Of the largest entry: a scan that tells less along some direction has nothing to be taken off."""
 
-# what `stats` holds of a match
-SEEN, FITTING, COST, STEPS, ODOMETRY_WEIGHT = 0, 1, 2, 3, 4
-
 
 @compiled
 def align(
@@ -59,23 +56,29 @@ def align(
     share_counted: float,
     finest: NDArray[np.int64],
     scales_m: FloatArray,
-    predicted: FloatArray,
+    pose_x: float,
+    pose_y: float,
+    heading: float,
+    predicted_x: float,
+    predicted_y: float,
+    predicted_heading: float,
     odometry: FloatArray,
     trust: float,
     max_steps: int,
-    pose: FloatArray,
     information: FloatArray,
-    stats: FloatArray,
-) -> None:
+) -> tuple[float, float, float, float, float, float, float]:
     """Gauss-Newton of points (N, 3), base frame, on the surfaces, with the odometry beside them.
 
-    index: (L, SIDE, SIDE) of cells of cells_m (L,), coarse to fine; the others as in `put`.
+    index: of cells of cells_m (L,), coarse to fine; the others as in `put`.
     variance: of a point across its surface [m2]; share_counted: of what points tell. finest: (S,)
     the finest level that stage looks at; a point takes the finest that has a surface. scales_m:
     (S,) residual, beside the noise, at which a point counts a quarter (Geman and McClure, 1987).
-    predicted: (3,), odometry: (3, 3) information
-    of the pose there; trust: its normalised innovation squared at which it counts a quarter.
-    pose: (3,) start and result. information: (3, 3) of the scan alone. stats: (5,) results.
+    pose_x, pose_y, heading: where it starts [m], [rad]. odometry: (3, 3) information
+    of the predicted pose; trust: its normalised innovation squared at which it counts a quarter. Into
+    information (3, 3): of the scan alone.
+
+    Returns the pose found; how many points saw a surface, and lie on it; their cost, of those that saw one; and
+    how much the odometry counted.
 
     The surfaces' directions are known from noisy points: errors in variables (Fuller, 1987). Left
     alone, they tell of the place along a wall what nothing tells, and draw new points at the end
@@ -83,8 +86,8 @@ def align(
     variance makes of pull and information is taken off both; steps are taken with all of the
     information, and are the smaller for it.
     """
-    both, root, step = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    steps = 0
+    both, root, step, pose = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    pose[0], pose[1], pose[2] = pose_x, pose_y, heading
     for stage in range(scales_m.shape[0]):
         scale = scales_m[stage] ** 2
         for _ in range(max_steps):
@@ -158,9 +161,9 @@ def align(
                 noise_yt -= noise * nx * nd
                 noise_tt += noise * nd * nd
             symmetric_into(xx, xy, xt, yy, yt, tt, information)
-            east, north = predicted[0] - pose[0], predicted[1] - pose[1]
+            east, north = predicted_x - pose[0], predicted_y - pose[1]
             ahead, aside = c * east + s * north, c * north - s * east
-            turn = predicted[2] - pose[2]
+            turn = predicted_heading - pose[2]
             turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
             # what the odometry pulls with; written out, as calls for so small matrices take longer
             for j in range(3):
@@ -180,13 +183,11 @@ def align(
             pose[0] += c * step[0] - s * step[1]
             pose[1] += s * step[0] + c * step[1]
             pose[2] += step[2]
-            steps += 1
             if abs(step[0]) + abs(step[1]) < 1e-3 and abs(step[2]) < 5e-4:
                 break
     symmetric_into(noise_xx, noise_xy, noise_xt, noise_yy, noise_yt, noise_tt, both)
     _take_off(information, both, root)
-    stats[SEEN], stats[FITTING], stats[COST] = seen, fitting, cost
-    stats[STEPS], stats[ODOMETRY_WEIGHT] = steps, trusted
+    return pose[0], pose[1], pose[2], seen, fitting, cost, trusted
 
 
 @compiled

@@ -196,7 +196,7 @@ class SurfaceMap:
     def __init__(self, config: SurfaceMapConfig | None = None) -> None:
         self.config = config or SurfaceMapConfig()
         levels, side = len(self.config.cells_m), kernels.SIDE
-        self._index: NDArray[np.int32] = np.zeros((levels, side, side), np.int32)
+        self._index: NDArray[np.int32] = np.zeros((levels, side * side), np.int32)
         count = _FIRST_ENTRIES
         self._cells: NDArray[np.int32] = np.zeros((count, 2), np.int32)
         self._uses: NDArray[np.int32] = np.zeros(count, np.int32)
@@ -244,20 +244,18 @@ class SurfaceMap:
         """
         config, points = self.config, self.thinned(points_base)
         pull = config.pull if pull is None else pull
-        pose, information, stats = T_start.as_array(), np.zeros((3, 3)), np.zeros(5)
-        held = odometry + _STAYS
-        matching.align(
+        information, held = np.empty((3, 3)), odometry + _STAYS
+        x, y, theta, seen, fitting, cost, weight = matching.align(
             self._index, self._cells, self._sums, self._due, self._surfels, self._cells_m, points,
-            config.sigma_m**2, pull, *self._stages,
-            T_predicted.as_array(), held, min(trust, 1e12), config.max_steps, pose, information,
-            stats,
+            config.sigma_m**2, pull, *self._stages, T_start.x, T_start.y, T_start.theta,
+            T_predicted.x, T_predicted.y, T_predicted.theta, held, min(trust, 1e12),
+            config.max_steps, information,
         )  # fmt: skip
-        seen, fitting, cost, _, weight = stats.tolist()  # in the order of SEEN and the others
         count = max(len(points), 1)
         information *= config.share
         held *= weight
         return SurfaceMatch(
-            SE2(*pose.tolist()), information, information + held, seen / count,
+            SE2(x, y, theta), information, information + held, seen / count,
             fitting / max(seen, 1.0), (cost + len(points) - seen) / count, pull / config.share,
         )  # fmt: skip
 
@@ -311,16 +309,12 @@ class SurfaceMap:
         return np.ascontiguousarray(points[::every] if every > 1 else points)
 
     def _put(self, points: FloatArray, sign: int) -> None:
-        for level, cell_m in enumerate(self.config.cells_m):
-            done = 0
-            while True:
-                done = kernels.put(
-                    self._index[level], self._cells, self._uses, self._levels, self._free,
-                    self._sums, self._due, points, done, sign, level, cell_m,
-                )  # fmt: skip
-                if done == len(points):
-                    break
-                self._grow()
+        done = np.zeros(len(self._cells_m), np.int64)
+        while not kernels.put(
+            self._index, self._cells, self._uses, self._levels, self._free, self._sums, self._due,
+            points, done, sign, self._cells_m,
+        ):  # fmt: skip
+            self._grow()
 
     def _grow(self) -> None:
         """Twice as many entries."""

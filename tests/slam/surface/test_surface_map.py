@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slam.frontend.front_end import FrontEnd
+from slam.kernels.surface_map import SIDE, place_of
 from slam.kernels.surface_matching import count_on_walls
 from slam.measurements import Measurement
 from slam.se2 import SE2
@@ -280,6 +281,35 @@ def test_both_sides_of_a_thin_wall_are_made_anew():
         anew.add(points)
     for points in (near, far):
         assert match_of(surfaces, points).T_map_base == match_of(anew, points).T_map_base
+
+
+def test_each_cell_has_a_place_of_its_own_beside_its_neighbours():
+    columns, rows = np.meshgrid(np.arange(-SIDE // 2, SIDE // 2), np.arange(7, SIDE + 7))
+    places = np.vectorize(place_of.py_func)(columns[:, :96], rows[:, :96])
+    assert len(np.unique(places)) == places.size
+    assert 0 <= places.min() <= places.max() < SIDE * SIDE
+    # a wall of 32 cells, either way, is on two pages of memory at most, of a thousand places each
+    for wall_ in (places[:32, 5], places[5, :32]):
+        assert len(np.unique(wall_ // 1024)) <= 2
+        assert len(np.unique(wall_ // 16)) <= 9
+    assert place_of(3, 4) == place_of(3 - SIDE, 4 + SIDE)
+
+
+def test_more_points_than_a_map_begins_with_leave_it_as_if_there_had_been_room():
+    rng = np.random.default_rng(2)
+    points = np.column_stack([rng.uniform(-20.0, 20.0, (3000, 2)), rng.uniform(-3.0, 3.0, 3000)])
+    grown, roomy = SurfaceMap(), SurfaceMap()
+    for _ in range(8):
+        roomy._grow()
+    for surfaces in (grown, roomy):
+        surfaces.add(points)
+    assert len(grown._uses) < len(roomy._uses)
+    for surfaces in (grown, roomy):  # each point once, at each of the levels
+        counts = surfaces._sums[:, :, 0].sum(axis=1)
+        for level in range(3):
+            counted = counts[(surfaces._uses > 0) & (surfaces._levels == level)].sum()
+            assert counted == 2 * len(points)
+    assert match_of(grown, points[:300]).T_map_base == match_of(roomy, points[:300]).T_map_base
 
 
 def test_an_empty_map_is_all_zeros():
