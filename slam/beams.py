@@ -59,8 +59,12 @@ class Beams:
     def with_ranges(self, ranges_m: FloatArray) -> Beams:
         """The same beams, which measured other ranges (N,) [m]. Where they start and look is not computed
         again."""
-        other = Beams(self.origins_m, self.angles_rad, ranges_m)
+        # not by way of `__init__`, which would check and freeze again what is so already
+        other = object.__new__(Beams)
         other.__dict__.update(
+            origins_m=self.origins_m,
+            angles_rad=self.angles_rad,
+            ranges_m=frozen_array(ranges_m, self.angles_rad.shape, "ranges_m"),
             directions=self.directions,
             middle_m=self.middle_m,
             _is_of_one_origin=self._is_of_one_origin,

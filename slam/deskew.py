@@ -167,6 +167,10 @@ class SweepClock:
         self._velocity = _per_second(way, told_s)
         return told_s
 
+    def pass_over(self, time_s: float) -> None:
+        """Notes a stamp: the next motion began there."""
+        self._last_s = time_s
+
     @property
     def jitter_s(self) -> float:
         """Standard deviation of the intervals told, as far as the wheels went another way [s]."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
+from slam.kernels.beam_points import has_finite
 from slam.measurements import LaserScan
 
 _MOST = 4
@@ -21,8 +22,9 @@ class FrozenLaser:
 
     def repeats(self, scan: LaserScan) -> bool:
         """Whether a scan is one of the last ones: see `LaserScan.repeats`. Else it is from now on."""
-        if any(scan.repeats(one) for one in self._kept):
-            return True
-        if scan.is_hit.any():
+        for kept in self._kept:
+            if scan.repeats(kept):
+                return True
+        if has_finite(scan.ranges_m):
             self._kept.append(scan)
         return False

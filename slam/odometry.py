@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam.arrays import FloatArray
-from slam.kernels.normal_equations import carried
+from slam.kernels.normal_equations import carry_into
 from slam.se2 import SE2
 
 
@@ -99,8 +99,10 @@ def compose_covariance(
 
     First order: (A exp(a)) (B exp(b)) = A B exp(Ad(B^-1) a) exp(b), a and b independent.
     """
-    x, y, theta = motion_second.x, motion_second.y, motion_second.theta
-    return np.asarray(carried(covariance_first, x, y, theta) + covariance_second)
+    covariance = np.empty((3, 3))
+    carry_into(covariance_first, motion_second.x, motion_second.y, motion_second.theta, covariance)
+    covariance += covariance_second
+    return covariance
 
 
 def place_sigma_m(covariance: FloatArray) -> float:

@@ -70,6 +70,10 @@ class Straightener:
         """How long the motion up to a stamp took [s]; inf while no interval is known."""
         return self._clock.duration_s(time_s, motion)
 
+    def pass_over(self, time_s: float) -> None:
+        """Notes the stamp of a scan that nobody asks to be straightened."""
+        self._clock.pass_over(time_s)
+
     def take_motion(
         self,
         time_s: float,

@@ -32,27 +32,27 @@ class ConstantVelocity:
     """How a robot moved lately, by scans."""
 
     def __init__(self) -> None:
-        self._velocities = deque[FloatArray](maxlen=_REMEMBERED)
-        self._last_s = 0.0
+        self._steps = deque[tuple[SE2, SE2, float]](maxlen=_REMEMBERED)
 
-    def take(self, moved: SE2, elapsed_s: float) -> None:
-        """A motion that took so long."""
+    def take(self, T_before: SE2, T_after: SE2, elapsed_s: float) -> None:
+        """A step from pose to pose that took so long."""
         if not 0.0 < elapsed_s < math.inf:
-            self._velocities.clear()
+            self._steps.clear()
             return
-        self._velocities.append(moved.log() / elapsed_s)
-        self._last_s = elapsed_s
+        self._steps.append((T_before, T_after, elapsed_s))
 
     def stop(self) -> None:
         """Whom nobody sees does not go on for ever."""
-        self._velocities.clear()
+        self._steps.clear()
 
     def motion(self, elapsed_s: float) -> SE2 | None:
         """As fast as it went in the median of the last times, and turning as in the last one; None
         where that tells nothing."""
-        if not self._velocities or not 0.0 < elapsed_s < _LATE * self._last_s:
+        if not self._steps or not 0.0 < elapsed_s < _LATE * self._steps[-1][2]:
             return None
-        x, y, omega = self._velocities[-1]
-        if len(self._velocities) == _REMEMBERED:
-            x, y = (statistics.median(one[axis] for one in self._velocities) for axis in range(2))
+        # here, not at each step: hardly anybody asks where wheels tell
+        velocities = [before.between(after).log() / time_s for before, after, time_s in self._steps]
+        x, y, omega = velocities[-1]
+        if len(velocities) == _REMEMBERED:
+            x, y = (statistics.median(one[axis] for one in velocities) for axis in range(2))
         return SE2.exp(elapsed_s * np.array([x, y, omega]))

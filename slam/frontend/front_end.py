@@ -109,7 +109,7 @@ class FrontEnd:
             self._velocity.stop()
             self._slipped_wheels.still.forget()
         else:
-            self._velocity.take(told.T_last.between(self.T_map_base), self._elapsed_s)
+            self._velocity.take(told.T_last, self.T_map_base, self._elapsed_s)
             self._slipped_wheels.still.take(beams, self.T_map_base)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.between(self.T_map_base)
@@ -231,11 +231,12 @@ class FrontEnd:
 
     def _beams(self, measurement: Measurement) -> Beams:
         straightener, scan = self._straightener, measurement.scan
-        duration_s = straightener.duration_s(measurement.time_s, measurement.motion)
-        if scan.beam_times_s is not None:  # else there is nothing to straighten by
-            straightener.take_motion(
-                measurement.time_s, scan.beam_times_s, measurement.motion, duration_s
-            )
+        time_s, motion, beam_times_s = measurement.time_s, measurement.motion, scan.beam_times_s
+        if beam_times_s is None:  # there is nothing to straighten by
+            straightener.pass_over(time_s)
+        else:
+            duration_s = straightener.duration_s(time_s, motion)
+            straightener.take_motion(time_s, beam_times_s, motion, duration_s)
         return straightener.beams(scan)
 
     def _placed(

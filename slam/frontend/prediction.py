@@ -8,7 +8,7 @@ from functools import cached_property
 from slam.arrays import FloatArray
 from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.strays import apart_m
-from slam.kernels.normal_equations import inverse_of
+from slam.kernels.normal_equations import inverse_of, squared_innovation
 from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMatch
@@ -86,9 +86,12 @@ class Prediction:
 
     def squared(self, match: SurfaceMatch, information: FloatArray | None = None) -> float:
         """Normalised innovation squared of a match, by an information (3, 3); None: the odometry's."""
-        innovation = self.T_map_base.between(match.T_map_base).log()
+        told, found = self.T_map_base, match.T_map_base
         information = self.odometry if information is None else information
-        return float(innovation @ information @ innovation)
+        result: float = squared_innovation(
+            told.x, told.y, told.theta, found.x, found.y, found.theta, information
+        )
+        return result
 
     def without_people(self, T_keyframe: SE2, motion: SE2, covariance: FloatArray) -> Prediction:
         """Where the wheels lead from the last keyframe, whatever scans since then saw: by a motion and its

@@ -37,8 +37,8 @@ class StillScans:
         if count == 0 or self._ranges_m.shape[1] != len(beams):
             return None
         shares = np.empty(count)
-        same_into(read_only(self._ranges_m[:count]), beams.ranges_m, *BEAM_NOISE, shares)
-        if shares.max() < _SAME:
+        kept = read_only(self._ranges_m[:count])
+        if same_into(kept, beams.ranges_m, *BEAM_NOISE, shares) < _SAME:
             return None
         is_near = np.array([apart_m(place, T_last) <= _LONG_M for place in self._places])
         if not (shares[is_near] >= _SAME).any():

@@ -111,11 +111,11 @@ class WheelScale:
 
     def predict(self, covariance: FloatArray, motion: SE2, spread: FloatArray) -> FloatArray:
         """(3, 3) the pose's covariance after a motion by the wheels, of which spread (3, 3) is."""
-        self._told = motion
-        result: FloatArray = kernels.predict(
-            covariance, self._across, motion.as_array(), self.scale, self.variance, spread
+        self._told, after = motion, np.empty((3, 3))
+        kernels.predict(
+            covariance, self._across, motion.as_array(), self.scale, self.variance, spread, after
         )
-        return result
+        return after
 
     def update(
         self,

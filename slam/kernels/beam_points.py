@@ -72,11 +72,21 @@ def are_same_ranges(first: FloatArray, second: FloatArray, least: float) -> bool
 
 
 @compiled
+def has_finite(numbers: FloatArray) -> bool:
+    """Whether any of them (N,) is."""
+    for i in range(numbers.shape[0]):
+        if math.isfinite(numbers[i]):
+            return True
+    return False
+
+
+@compiled
 def same_into(
     kept: FloatArray, ranges: FloatArray, noise_m: float, noise_share: float, shares: FloatArray
-) -> None:
+) -> float:
     """Into shares (K,): of beams that returned in a scan of ranges (N,) or in one of kept ones (K, N),
-    the share that measured the same but for a noise; 0 where none returned."""
+    the share that measured the same but for a noise; 0 where none returned. The largest of them."""
+    most = 0.0
     for k in range(kept.shape[0]):
         same = either = 0
         for i in range(ranges.shape[0]):
@@ -85,3 +95,5 @@ def same_into(
             either += is_hit or is_other
             same += is_hit and is_other and abs(one - other) < noise_m + noise_share * one
         shares[k] = same / either if either > 0 else 0.0
+        most = max(most, shares[k])
+    return most

@@ -154,28 +154,38 @@ def solve_by_root(root: FloatArray, vector: FloatArray, out: FloatArray) -> None
         out[j] = left / root[j, j]
 
 
-@compiled
 def inverse_of(matrix: FloatArray) -> FloatArray:
     """(3, 3) inverse of a symmetric, positive definite matrix, such as a covariance.
 
-    Pivots below `LEAST_PIVOT` count as that.
+    Pivots below `LEAST_PIVOT` count as that. Not compiled itself: an array that compiled code makes costs as much
+    to hand over as ten of these to compute.
     """
-    root, inverse, unit = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
+    inverse = np.empty((3, 3))
+    inverse_into(matrix, inverse)
+    return inverse
+
+
+@compiled
+def inverse_into(matrix: FloatArray, inverse: FloatArray) -> None:
+    """As `inverse_of`, into an inverse (3, 3)."""
+    root, unit = np.empty((3, 3)), np.empty(3)
     lower_root_into(matrix, LEAST_PIVOT, root)
     for j in range(3):
         unit[:] = 0.0
         unit[j] = 1.0
         solve_by_root(root, unit, inverse[j])
-    return inverse
 
 
 @compiled
-def carried(covariance: FloatArray, x: float, y: float, theta: float) -> FloatArray:
-    """(3, 3) covariance of a pose in its frame, seen from where a motion (x, y, theta) then leads."""
+def carry_into(
+    covariance: FloatArray, x: float, y: float, theta: float, out: FloatArray
+) -> None:
+    """Into out (3, 3): the covariance of a pose in its frame, seen from where a motion (x, y, theta) then leads."""
     c, s = math.cos(theta), math.sin(theta)
     # the adjoint of the motion back
     carry = np.array([[c, s, s * x - c * y], [-s, c, c * x + s * y], [0.0, 0.0, 1.0]])
-    half, out = np.zeros((3, 3)), np.zeros((3, 3))
+    half = np.zeros((3, 3))
+    out[:] = 0.0
     for j in range(3):
         for k in range(3):
             for m in range(3):
@@ -184,4 +194,22 @@ def carried(covariance: FloatArray, x: float, y: float, theta: float) -> FloatAr
         for k in range(3):
             for m in range(3):
                 out[j, k] += half[j, m] * carry[k, m]
-    return out
+
+
+@compiled
+def squared_innovation(
+    x: float, y: float, theta: float, to_x: float, to_y: float, to_theta: float, known: FloatArray
+) -> float:
+    """Normalised square of the twist from a pose to another one, by an information (3, 3) of the first."""
+    c, s = math.cos(theta), math.sin(theta)
+    ahead = c * (to_x - x) + s * (to_y - y)
+    aside = c * (to_y - y) - s * (to_x - x)
+    turn = to_theta - theta
+    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+    half = 0.5 * turn
+    cotangent = half / math.tan(half) if abs(half) > 1e-8 else 1.0
+    a, b = cotangent * ahead + half * aside, cotangent * aside - half * ahead
+    from_a = a * known[0, 0] + b * known[1, 0] + turn * known[2, 0]
+    from_b = a * known[0, 1] + b * known[1, 1] + turn * known[2, 1]
+    from_turn = a * known[0, 2] + b * known[1, 2] + turn * known[2, 2]
+    return from_a * a + from_b * b + from_turn * turn

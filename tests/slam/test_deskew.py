@@ -203,6 +203,14 @@ def test_clock_that_was_set_goes_on_as_before():
     np.testing.assert_allclose(clocked([5.0, 5.1, 1.0, 1.1, 1.2], [1.0] * 5)[1:], 0.1)
 
 
+def test_scans_without_beam_times_in_between_make_no_motion_longer():
+    clock = SweepClock()
+    for stamp_s in (0.0, 0.1):
+        clock.duration_s(stamp_s, SE2(0.1, 0.0, 0.0))
+    clock.pass_over(0.2)
+    assert clock.duration_s(0.3, SE2(0.1, 0.0, 0.0)) == pytest.approx(0.1)
+
+
 def jitter_of(stamps_s: np.ndarray, speeds_mps: np.ndarray) -> float:
     clock = SweepClock()
     for stamp_s, speed_mps in zip(stamps_s, speeds_mps, strict=True):

@@ -5,10 +5,11 @@ import pytest
 
 from slam.kernels.normal_equations import (
     LEAST_PIVOT,
-    carried,
+    carry_into,
     inverse_of,
     lower_root_into,
     solve_by_root,
+    squared_innovation,
 )
 from slam.se2 import SE2
 
@@ -47,5 +48,16 @@ def test_covariance_is_carried_by_the_adjoint_of_the_way_back(seed):
     rng = np.random.default_rng(seed)
     covariance, way = definite(rng, 1.0), SE2(*rng.normal(size=3))
     carry = way.inverse().adjoint()
-    found = carried(covariance, way.x, way.y, way.theta)
+    found = np.full((3, 3), np.nan)
+    carry_into(covariance, way.x, way.y, way.theta, found)
     np.testing.assert_allclose(found, carry @ covariance @ carry.T, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 1e-9, 1e-5, 0.3, -2.5, 6.0])
+def test_innovation_squared_is_that_of_the_twist(turn_rad):
+    known = definite(np.random.default_rng(3), 1.0)
+    told = SE2(3.0, -1.0, 2.0)
+    found = told @ SE2(0.3, -0.2, turn_rad)
+    twist = told.between(found).log()
+    squared = squared_innovation(told.x, told.y, told.theta, found.x, found.y, found.theta, known)
+    assert squared == pytest.approx(twist @ known @ twist, rel=1e-9)

@@ -114,14 +114,20 @@ def test_one_scan_drawn_aside_does_not_lead_the_robot_on():
     # offices with people: 0.3 m back at once, and as much again at each of ten scans between bare walls
     velocity = ConstantVelocity()
     for moved in (SE2(0.1, 0.0, 0.0), SE2(0.1, 0.0, 0.0), SE2(-0.3, 0.0, 0.0)):
-        velocity.take(moved, 0.3)
+        velocity.take(SE2.identity(), moved, 0.3)
     assert velocity.motion(0.3).is_near(SE2(0.1, 0.0, 0.0), 1e-9, 1e-9)
+
+
+def test_a_robot_goes_on_as_seen_from_where_it_was():
+    velocity, T_before = ConstantVelocity(), SE2(3.0, -1.0, 2.0)
+    velocity.take(T_before, T_before @ SE2(0.1, 0.0, 0.02), 0.3)
+    assert velocity.motion(0.3).is_near(SE2(0.1, 0.0, 0.02), 1e-9, 1e-9)
 
 
 def test_a_robot_turns_on_as_it_did_last():
     velocity = ConstantVelocity()
     for theta in (0.0, 0.0, 0.2):
-        velocity.take(SE2(0.0, 0.0, theta), 0.5)
+        velocity.take(SE2.identity(), SE2(0.0, 0.0, theta), 0.5)
     assert velocity.motion(0.5).theta == pytest.approx(0.2)
     assert velocity.motion(0.25).theta == pytest.approx(0.1)
 
@@ -129,11 +135,11 @@ def test_a_robot_turns_on_as_it_did_last():
 def test_nobody_knows_how_a_robot_goes_on_after_long_or_unseen():
     velocity = ConstantVelocity()
     assert velocity.motion(0.3) is None
-    velocity.take(SE2(0.1, 0.0, 0.0), 0.3)
+    velocity.take(SE2.identity(), SE2(0.1, 0.0, 0.0), 0.3)
     assert velocity.motion(0.6) is None
     assert velocity.motion(-0.1) is None
-    velocity.take(SE2(0.1, 0.0, 0.0), math.inf)  # the first scan of a log
+    velocity.take(SE2.identity(), SE2(0.1, 0.0, 0.0), math.inf)  # the first scan of a log
     assert velocity.motion(0.3) is None
-    velocity.take(SE2(0.1, 0.0, 0.0), 0.3)
+    velocity.take(SE2.identity(), SE2(0.1, 0.0, 0.0), 0.3)
     velocity.stop()
     assert velocity.motion(0.3) is None

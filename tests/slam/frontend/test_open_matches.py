@@ -242,7 +242,7 @@ def test_wheels_that_stand_while_scans_turn_say_nothing_of_how_far_the_robot_wen
     there = last @ SE2(0.1, 0.0, turn_rad)
     weak = SurfaceMatch(there, np.diag([1.0, 0.01, 1.0]), np.zeros((3, 3)), 1.0, 1.0, 0.1, 1.0)
     front_end = FrontEnd(SE2.identity())
-    front_end._velocity.take(SE2(0.9, 0.0, 0.3), 2.0)
+    front_end._velocity.take(SE2.identity(), SE2(0.9, 0.0, 0.3), 2.0)
     front_end._elapsed_s = 3.0
     assert front_end._is_open(weak, np.zeros((0, 3)), told) is is_open
     # by as far as it went before
