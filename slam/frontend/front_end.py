@@ -72,17 +72,18 @@ class FrontEnd:
         is_open = match is not None and self._is_open(match, points, told)
         is_told = (match and not is_open) or status is StepStatus.BROKEN
         self._open_m = 0.0 if is_told else self._open_way_m(told, match)
-        by_wheels, scaled, tied = self._by_wheels(told, status), self.wheel_scale.step, None
+        wheels_P, tied = self._wheels_covariance(status), None
         trust = told.noise * self.config.surely_wrong
-        self.loose_runs.lead_to(told.T_map_base, told.covariance, by_wheels.covariance, trust)
+        self.loose_runs.lead_to(told.T_map_base, told.covariance, wheels_P, trust)
+        by_wheels = None if self._open_run.is_empty else self._by_wheels(told, wheels_P)
         self.T_map_base = told.T_map_base
         if match is not None:
             match = self._joined(match, status, told, is_open)
             if not told.are_people:
                 self._learn_scale(told.T_map_base, match)
-            if status is StepStatus.MATCHED and not (is_open or self._open_run.is_empty):
+            if by_wheels is not None and status is StepStatus.MATCHED and not is_open:
                 tied = self._open_run.tie(
-                    self.keyframes, self._window, points, match, by_wheels, told.noise
+                    self.keyframes, self._window, points, match, by_wheels[0], told.noise
                 )
             self.T_map_base, self._P = match.T_map_base, match.covariance
         if tied is not None:
@@ -99,11 +100,11 @@ class FrontEnd:
         if is_new:
             self._take(measurement.time_s, points, beams, status is StepStatus.BROKEN)
             # the way to it is told by the wheels; by scans, from before the run
-            if tied is not None:
+            if tied is not None and by_wheels is not None:
+                step, self.scaled_steps[-1] = by_wheels
                 self.keyframes[-1] = replace(
-                    self.keyframes[-1], T_before=by_wheels.motion, covariance=by_wheels.covariance
+                    self.keyframes[-1], T_before=step.motion, covariance=step.covariance
                 )
-                self.scaled_steps[-1] = scaled
             self._open_run.take(len(self.keyframes) - 1, is_open)
         if match is None or tied is not None:  # that moved the scan before as well
             self._velocity.stop()
@@ -125,9 +126,9 @@ class FrontEnd:
         """Where the wheels lead; the covariance since the last keyframe grows by that."""
         T_last, motion = self.T_map_base, self._motion(measurement)
         T_predicted = T_last @ self.wheel_scale.scaled(motion)
-        spread = told_step(measurement, self.config.step_sigma).covariance
-        self._P = self.wheel_scale.predict(self._P, measurement.motion, spread)
-        self._told = self._told.then(self.wheel_scale.scaled(measurement.motion), spread)
+        step = told_step(measurement, self.config.step_sigma)
+        self._P = self.wheel_scale.predict(self._P, step.motion, step.covariance)
+        self._told = self._told.then(self.wheel_scale.scaled(step.motion), step.covariance)
         self._blind_m += self._way_m(measurement)
         is_coasting = motion is not measurement.motion
         held = self._P
@@ -164,17 +165,21 @@ class FrontEnd:
         self._P = P
         return since, self._people.held_along(points, since, match)
 
-    def _by_wheels(self, told: Prediction, status: StepStatus) -> ToldStep:
-        """The step from the last keyframe by the wheels; they may have been wrong where scans broke off,
-        and just where one was found by a search alone."""
-        covariance, config = self._P, self.config
+    def _wheels_covariance(self, status: StepStatus) -> FloatArray:
+        """(3, 3) of the step from the last keyframe by the wheels; they may have been wrong where scans broke
+        off, and just where one was found by a search alone."""
+        config = self.config
         if status is StepStatus.BROKEN:
-            covariance = self._P = self._P + diagonal_of(config.break_sigma)
+            self._P = self._P + diagonal_of(config.break_sigma)
         elif status is StepStatus.SEARCHED:
             reach = config.reach_m, config.reach_m, config.reach_rad
-            covariance = self._P + diagonal_of(reach)
-        T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
-        return ToldStep(T_keyframe.between(told.T_map_base), covariance)
+            return self._P + diagonal_of(reach)
+        return self._P
+
+    def _by_wheels(self, told: Prediction, covariance: FloatArray) -> tuple[ToldStep, ScaledStep]:
+        """The step from the last keyframe by the wheels, of a covariance (3, 3), and their scale on it."""
+        T_keyframe = self.keyframes[-1].T_map_base
+        return ToldStep(T_keyframe.between(told.T_map_base), covariance), self.wheel_scale.step
 
     def _joined(
         self, match: SurfaceMatch, status: StepStatus, told: Prediction, is_open: bool

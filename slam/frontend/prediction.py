@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from slam.arrays import FloatArray
 from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.strays import apart_m
 from slam.kernels.normal_equations import inverse_of, squared_innovation
+from slam.lazy import lazy
 from slam.odometry import place_sigma_m
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMatch
@@ -40,7 +40,7 @@ class Prediction:
     other: SE2 | None = None
     are_people: bool = False
 
-    @cached_property
+    @lazy
     def is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""
         P = self.covariance

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from slam.arrays import FloatArray
 from slam.kernels import compiled
 
@@ -74,10 +77,17 @@ def are_same_ranges(first: FloatArray, second: FloatArray, least: float) -> bool
 @compiled
 def has_finite(numbers: FloatArray) -> bool:
     """Whether any of them (N,) is."""
+    count = 0
     for i in range(numbers.shape[0]):
-        if math.isfinite(numbers[i]):
-            return True
-    return False
+        count += math.isfinite(numbers[i])
+    return count > 0
+
+
+@compiled
+def narrow_into(numbers: FloatArray, narrow: NDArray[np.float32]) -> None:
+    """Into narrow (N,): numbers (N,), as near as they can be there."""
+    for i in range(numbers.shape[0]):
+        narrow[i] = numbers[i]
 
 
 @compiled

@@ -177,9 +177,7 @@ def inverse_into(matrix: FloatArray, inverse: FloatArray) -> None:
 
 
 @compiled
-def carry_into(
-    covariance: FloatArray, x: float, y: float, theta: float, out: FloatArray
-) -> None:
+def carry_into(covariance: FloatArray, x: float, y: float, theta: float, out: FloatArray) -> None:
     """Into out (3, 3): the covariance of a pose in its frame, seen from where a motion (x, y, theta) then leads."""
     c, s = math.cos(theta), math.sin(theta)
     # the adjoint of the motion back
@@ -212,4 +210,5 @@ def squared_innovation(
     from_a = a * known[0, 0] + b * known[1, 0] + turn * known[2, 0]
     from_b = a * known[0, 1] + b * known[1, 1] + turn * known[2, 1]
     from_turn = a * known[0, 2] + b * known[1, 2] + turn * known[2, 2]
-    return from_a * a + from_b * b + from_turn * turn
+    squared: float = from_a * a + from_b * b + from_turn * turn
+    return squared

@@ -56,7 +56,9 @@ def place_of(column: int, row: int) -> int:
     u, v = column & _MASK, row & _MASK
     tile = (u >> _TILE_BITS) * (SIDE >> _TILE_BITS) | v >> _TILE_BITS
     in_tile = (1 << _TILE_BITS) - 1
-    block = (u & in_tile) >> _BLOCK_BITS << (_TILE_BITS - _BLOCK_BITS) | (v & in_tile) >> _BLOCK_BITS
+    block = (u & in_tile) >> _BLOCK_BITS << (_TILE_BITS - _BLOCK_BITS) | (
+        v & in_tile
+    ) >> _BLOCK_BITS
     in_block = (1 << _BLOCK_BITS) - 1
     cell = (u & in_block) << _BLOCK_BITS | v & in_block
     return tile << 2 * _TILE_BITS | block << 2 * _BLOCK_BITS | cell

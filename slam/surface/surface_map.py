@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from slam.kernels import surface_map as kernels
 from slam.kernels import surface_matching as matching
 from slam.kernels.facings import facings_into, moved_into
 from slam.kernels.normal_equations import inverse_of
+from slam.lazy import lazy
 from slam.se2 import SE2
 
 _FIRST_ENTRIES = 1024
@@ -128,7 +128,7 @@ class SurfaceMatch:
         left: FloatArray = known[:2, :2] - np.outer(known[:2, 2], known[:2, 2]) / known[2, 2]
         return left
 
-    @cached_property
+    @lazy
     def least_facing(self) -> float:
         """Share of what the scan tells of its place, along the direction of which it tells least;
         half, where surfaces face every way; none, between two walls that run along."""
