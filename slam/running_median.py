@@ -17,7 +17,7 @@ class RunningMedian:
 
     def take(self, value: float) -> None:
         """Another value, which is a number and no NaN: that has no place in an order."""
-        if len(self) == self._most:
+        if len(self._last) == self._most:
             del self._in_order[bisect_left(self._in_order, self._last.popleft())]
         self._last.append(value)
         insort(self._in_order, value)
@@ -25,7 +25,7 @@ class RunningMedian:
     @property
     def median(self) -> float:
         """The mean of the two in the middle of an even number. Raises IndexError: there is no value."""
-        half, is_odd = divmod(len(self), 2)
+        half, is_odd = divmod(len(self._in_order), 2)
         if is_odd:
             return self._in_order[half]
         return (self._in_order[half - 1] + self._in_order[half]) / 2.0

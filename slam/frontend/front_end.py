@@ -125,12 +125,13 @@ class FrontEnd:
     def _predicted(self, measurement: Measurement, other: SE2 | None) -> Prediction:
         """Where the wheels lead; the covariance since the last keyframe grows by that."""
         T_last, motion = self.T_map_base, self._motion(measurement)
-        T_predicted = T_last @ self.wheel_scale.scaled(motion)
-        step = told_step(measurement, self.config.step_sigma)
-        self._P = self.wheel_scale.predict(self._P, step.motion, step.covariance)
-        self._told = self._told.then(self.wheel_scale.scaled(step.motion), step.covariance)
-        self._blind_m += self._way_m(measurement)
         is_coasting = motion is not measurement.motion
+        step, told = told_step(measurement, self.config.step_sigma), self.wheel_scale.scaled(motion)
+        T_predicted = T_last @ told
+        self._P = self.wheel_scale.predict(self._P, step.motion, step.covariance)
+        told = self.wheel_scale.scaled(step.motion) if is_coasting else told
+        self._told = self._told.then(told, step.covariance)
+        self._blind_m += self._way_m(measurement)
         held = self._P
         if is_coasting:
             way_m = apart_m(T_last, T_predicted)

@@ -70,8 +70,7 @@ class Prediction:
 
     def is_denied_stand(self, match: SurfaceMatch) -> bool:
         """Whether wheels stand, and a match has the robot turn: walls tell that, and people do not make it up."""
-        turn_rad = self.T_last.between(match.T_map_base).theta
-        return self.stands and abs(turn_rad) > _TURNS_RAD
+        return self.stands and abs(self.T_last.between(match.T_map_base).theta) > _TURNS_RAD
 
     def tells_no_way(self, match: SurfaceMatch) -> bool:
         """Whether nothing but a match tells how far the robot went: wheels that do not tell of all tell of nothing.

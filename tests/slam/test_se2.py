@@ -1,6 +1,9 @@
 """SE(2) is a group, exp and log undo each other, and points move as matrices say."""
 
+import copy
 import math
+import pickle
+from dataclasses import FrozenInstanceError
 
 import numpy as np
 import pytest
@@ -106,3 +109,12 @@ def test_points_of_another_shape_are_refused():
         SE2.identity() @ np.zeros(3)
     with pytest.raises(ValueError, match=r"shape \(3,\), not \(2,\)"):
         SE2.from_array([1.0, 2.0])
+
+
+def test_a_pose_is_kept_in_slots_and_stays_as_it_is():
+    pose = SE2(np.float64(1.0), 2, 7.0)
+    assert not hasattr(pose, "__dict__")  # coordinates are read a hundred times a scan
+    assert type(pose.x) is type(pose.y) is type(pose.theta) is float
+    assert pickle.loads(pickle.dumps(pose)) == copy.deepcopy(pose) == pose
+    with pytest.raises(FrozenInstanceError):
+        pose.x = 2.0
