@@ -356,4 +356,4 @@ class FrontEnd:
 
 def _is_told(measurement: Measurement) -> bool:
     """Whether anything measured the way since the last scan."""
-    return bool(measurement.motion_covariance[0, 0] < GUESS_M**2)
+    return measurement.motion_covariance.item(0, 0) < GUESS_M**2

@@ -43,8 +43,8 @@ class Prediction:
     @lazy
     def is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""
-        P = self.covariance
-        return bool(max(P[0, 0], P[1, 1]) > GUESS_M**2 or P[2, 2] > _GUESS_RAD**2)
+        (xx, _, _), (_, yy, _), (_, _, turn) = self.covariance.tolist()
+        return bool(max(xx, yy) > GUESS_M**2 or turn > _GUESS_RAD**2)
 
     @property
     def sigma_m(self) -> float:

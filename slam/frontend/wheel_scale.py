@@ -10,6 +10,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.kernels import wheel_scale as kernels
+from slam.kernels.normal_equations import LEAST_PIVOT
 from slam.running_median import RunningMedian
 from slam.se2 import SE2
 
@@ -156,16 +157,19 @@ class WheelScale:
 
     def _along(self, vector: FloatArray) -> float:
         """Of a vector (3,) [m, m, rad], what lies along the way."""
-        return float(self._ahead[0] * vector[0] + self._ahead[1] * vector[1])
+        (c, s), (x, y, _) = self._ahead, vector.tolist()
+        along: float = c * x + s * y
+        return along
 
     def _note_noise(self, squared: float, ahead_m: float, covariance: FloatArray) -> None:
         """From the normalised innovation squared, and from the innovation along the way: the variance
         that the wheels show, as a multiple of what they were told to have; 1 at least."""
-        c, s = self._ahead
-        variance_m2 = c * c * covariance[0, 0] + s * s * covariance[1, 1]
-        variance_m2 += 2.0 * c * s * covariance[0, 1]
+        (c, s), ((xx, xy, _), (_, yy, _), _) = self._ahead, covariance.tolist()
+        variance_m2 = c * c * xx + s * s * yy
+        variance_m2 += 2.0 * c * s * xy
         self._squared.take(squared)
-        self._ahead_squared.take(float(ahead_m**2 / variance_m2))
+        # wheels that are told to be exact, and odometry that nobody questions
+        self._ahead_squared.take(ahead_m * ahead_m / max(variance_m2, LEAST_PIVOT))
         ahead = self._ahead_squared.median / _MEDIAN_AHEAD
         self._noise = max(1.0, ahead, self._squared.median / MEDIAN_NIS)
 

@@ -54,6 +54,15 @@ def test_step_of_which_scans_tell_nothing_grows_with_the_scale():
     assert abs(held.slope[0]) < 0.3 * AHEAD.x
 
 
+def test_wheels_told_to_be_exact_are_no_division_by_nothing():
+    scale = WheelScale()
+    for _ in range(5):
+        scale.predict(np.zeros((3, 3)), AHEAD, np.zeros((3, 3)))
+        scale.update(np.zeros((3, 3)), np.array([0.01, 0.0, 0.0]), SCAN, 0.2)
+        scale.begin_step()
+    assert scale.noise > 1.0
+
+
 def test_pose_and_scale_are_followed_as_four_unknowns_are():
     """The filter in blocks against the same one in full, 4 x 4, each scan taken in at once."""
     rng, scale = (
