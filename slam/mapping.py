@@ -22,6 +22,7 @@ from slam.frontend.strays import ToldStep, may_have_strayed, told_step
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
+from slam.map_checks.followers import with_followers_left
 from slam.map_checks.hanging_pieces import hanging_pieces
 from slam.map_checks.lone_loops import breaks_in_doubt
 from slam.map_checks.map_consistency import acquitted, judged
@@ -206,9 +207,27 @@ class Mapper:
         strays = put_strays_back(
             self._graph, told, by_wheels, config.strays, config.front_end.surfaces
         )
+        self._leave_followers(strays)
         # these steps are no longer by the wheels' scale
         for at in {own for k in strays for own in (k - first, k + 1 - first)}:
             front_end.scaled_steps[at] = replace(front_end.scaled_steps[at], slope=np.zeros(3))
+
+    def _leave_followers(self, moved: dict[int, SE2]) -> None:
+        """Has scans stay that were seen from keyframes that moved, where these alone were drawn aside."""
+        if not moved:
+            return
+        glances, first_step = self._front_end.glances, self._session.first_step
+        wheels = self._front_end.wheel_scale
+        told = [replace(one, motion=wheels.scaled(one.motion)) for one in self._told]
+        left = with_followers_left(self._steps, first_step, told, self._graph.poses, moved)
+        for k in moved:
+            ways = {
+                one.T_keyframe_base: other.T_keyframe_base
+                for one, other in zip(self._steps, left, strict=True)
+                if one is not other and one.keyframe == k
+            }
+            glances[k - self._session.first].move(ways)
+        self._steps = left
 
     def _held_together(self) -> SlamMap:
         """The map with all loops, and with laxer ones if those make it hold together better."""

@@ -124,6 +124,7 @@ RANKS = (
         "witnesses",
         "strays",
         "stray_scans",
+        "followers",
         "blind_poses",
         "scan_jumps",
         "driven_through",

@@ -48,9 +48,9 @@ def put_strays_back(
     by_wheels: Sequence[ToldStep],
     config: StrayConfig,
     surfaces: SurfaceMapConfig,
-) -> list[int]:
-    """Which keyframes of a graph lay aside of the way, now that they are put back: where they fit as
-    well, and where the wheels lead.
+) -> dict[int, SE2]:
+    """Which keyframes of a graph lay aside of the way, now that they are put back, where they fit as well and
+    where the wheels lead; and where each was before, as seen from where it is.
 
     told: what is believed of the way to each of the last keyframes; by_wheels: what these say of it,
     believed or not.
@@ -62,9 +62,10 @@ def put_strays_back(
     )
     keyframes, loops, poses, aside = put_on_the_way(keyframes, loops, poses, by_wheels)
     strays = sorted({*fitting, *aside})
+    before, now = ([SE2.from_array(pose) for pose in of[strays]] for of in (graph.poses, poses))
     if strays:
         graph.renew(keyframes, loops, poses)
-    return strays
+    return {k: T.between(T_was) for k, T, T_was in zip(strays, now, before, strict=True)}
 
 
 def put_on_the_way(

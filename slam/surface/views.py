@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Mapping, Set
 from typing import NamedTuple
 
 import numpy as np
@@ -82,6 +82,13 @@ class Glances:
     def kept(self) -> tuple[Glance, ...]:
         """Those kept, at most 16."""
         return tuple(self._kept)
+
+    def move(self, ways: Mapping[SE2, SE2]) -> None:
+        """Has those that were taken elsewhere than it seemed lie where they were: by their ways from the keyframe."""
+        self._kept = [
+            one._replace(T_keyframe_base=ways.get(one.T_keyframe_base, one.T_keyframe_base))
+            for one in self._kept
+        ]
 
     def kept_but(self, strayed: Set[SE2]) -> tuple[Glance, ...]:
         """Those kept, but for such as were not taken where they seemed to be."""

@@ -114,7 +114,10 @@ def test_those_that_fit_elsewhere_and_those_aside_are_put_back_on_the_solved_gra
 
     monkeypatch.setattr("slam.map_checks.there_and_back.without_strays", fitting)
     graph = Graph()
-    assert put_strays_back(graph, told(), told(), StrayConfig(), SurfaceMapConfig()) == [3, AT]
+    put_back = put_strays_back(graph, told(), told(), StrayConfig(), SurfaceMapConfig())
+    assert list(put_back) == [3, AT]
+    assert put_back[3].is_near(SE2.identity(), 1e-6, 1e-6)
+    assert put_back[AT].is_near(SE2(0.0, 0.5, 0.0), 1e-6, 1e-6)
     assert graph.renewed is not None
     assert graph.renewed[2] == pytest.approx(way(), abs=1e-6)
 
