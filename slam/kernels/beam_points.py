@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from slam.arrays import FloatArray
 from slam.kernels import compiled
 
@@ -81,13 +78,6 @@ def has_finite(numbers: FloatArray) -> bool:
     for i in range(numbers.shape[0]):
         count += math.isfinite(numbers[i])
     return count > 0
-
-
-@compiled
-def narrow_into(numbers: FloatArray, narrow: NDArray[np.float32]) -> None:
-    """Into narrow (N,): numbers (N,), as near as they can be there."""
-    for i in range(numbers.shape[0]):
-        narrow[i] = numbers[i]
 
 
 @compiled

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.kernels.beam_points import narrow_into
+from slam.kernels import copy_into
 from slam.se2 import SE2
 from slam.surface.surface_map import faced
 
@@ -98,5 +98,5 @@ class Glances:
 def _narrowed(numbers: FloatArray) -> NDArray[np.float32]:
     """The same in half the memory; NumPy's own way warns of some kinds of nan."""
     narrow = np.empty(numbers.shape, np.float32)
-    narrow_into(numbers, narrow)
+    copy_into(numbers, narrow)
     return narrow
