@@ -24,12 +24,14 @@ from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
 from slam.map_checks.followers import with_followers_left
 from slam.map_checks.hanging_pieces import hanging_pieces
+from slam.map_checks.jumped_scans import with_jumped_put_back
 from slam.map_checks.lone_loops import breaks_in_doubt
 from slam.map_checks.map_consistency import acquitted, judged
 from slam.map_checks.map_drift import too_far_adrift
 from slam.map_checks.moved_things import moved_things
 from slam.map_checks.open_ways import unknown_ways
 from slam.map_checks.range_offset import said_of_ranges
+from slam.map_checks.scan_jumps import jumps_between
 from slam.map_checks.scan_places import unknown_places
 from slam.map_checks.shown_jumps import shown_jumps
 from slam.map_checks.stray_scans import with_scans_put_back
@@ -170,6 +172,9 @@ class Mapper:
         if not self.config.is_odometry_doubted:
             self._breaks.believe(self._graph, self._front_end.told_steps)
         slam_map = self._held_together()
+        is_jumpy = self._session.is_joined and self._has_jumped(slam_map)
+        if is_jumpy and self._put_strays_back():  # what lies beside is where it belongs by now
+            slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
         own = self._steps[self._session.first_step :]
         said += self._jumps.objections(own, self.config.is_odometry_doubted)
@@ -198,8 +203,14 @@ class Mapper:
             poses = chained(keyframes, poses, self._session.first)
         graph.renew(keyframes, graph.loops, poses)
 
-    def _put_strays_back(self) -> None:
-        """Looks back at keyframes of the session that lie aside of the way."""
+    def _has_jumped(self, slam_map: SlamMap) -> bool:
+        """Whether scans of the session jumped that nothing but scans placed."""
+        first_step = self._session.first_step
+        steps, told = slam_map.steps[first_step:], self._told
+        return bool(jumps_between(steps, told, slam_map.poses, 1.0).by_scans_alone.any())
+
+    def _put_strays_back(self) -> bool:
+        """Looks back at keyframes of the session that lie aside of the way; whether any was put back."""
         front_end, first, config = self._front_end, self._session.first, self.config
         by_wheels = told = front_end.told_steps
         if config.is_odometry_doubted:
@@ -211,6 +222,7 @@ class Mapper:
         # these steps are no longer by the wheels' scale
         for at in {own for k in strays for own in (k - first, k + 1 - first)}:
             front_end.scaled_steps[at] = replace(front_end.scaled_steps[at], slope=np.zeros(3))
+        return bool(strays)
 
     def _leave_followers(self, moved: dict[int, SE2]) -> None:
         """Has scans stay that were seen from keyframes that moved, where these alone were drawn aside."""
@@ -283,14 +295,20 @@ class Mapper:
         steps = with_scans_put_back(
             placed, first_step, self._told, wheel_scale, poses, is_doubted, noise
         )
+        glances = dict(enumerate(self._front_end.glances, start=session.first))
+        steps = with_jumped_put_back(
+            steps, first_step, self._told, keyframes, poses,
+            {k: since.kept for k, since in glances.items()}, self.config.front_end.surfaces,
+            self.config.strays,
+        )  # fmt: skip
         strayed = {
             one.T_keyframe_base
             for one, other in zip(placed, steps, strict=True)
             if one is not other
         }
-        for k, glances in enumerate(self._front_end.glances, start=self._session.first):
+        for k, since in glances.items():
             if not keyframes[k].is_place_alone:
-                keyframes[k] = replace(keyframes[k], glances=glances.kept_but(strayed))
+                keyframes[k] = replace(keyframes[k], glances=since.kept_but(strayed))
         return SlamMap(
             tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, tuple(steps), verdict,
         )  # fmt: skip

@@ -125,6 +125,7 @@ RANKS = (
         "strays",
         "stray_scans",
         "followers",
+        "jumped_scans",
         "blind_poses",
         "scan_jumps",
         "driven_through",

@@ -38,7 +38,8 @@ class StrayConfig:
     torn: of the wheels' normalised error squared on from it, from which it does not lie there alone.
     least_facing: of what it sees there, as in `FrontEndConfig`: where a scan leaves its place open,
     wheels know better. better: cost by which it must fit better where wheels lead back to it, which did
-    not lead there, but if it slides there by itself. margins, aside_m: see `Witnesses`. Chosen, all of these.
+    not lead there, but if it slides there by itself. margins, aside_m: see `Witnesses`.
+    standing: share of a scan that stands, of which what looks through the rest is believed. Chosen, all of these.
     """
 
     least_m: float = 0.2
@@ -52,6 +53,7 @@ class StrayConfig:
     better: float = 0.03
     margins: tuple[float, float] = (0.25, 0.03)
     aside_m: float = 0.1
+    standing: float = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,15 +222,19 @@ class _Search:
         """Where a keyframe fits near a pose on the way, at least as well as where it is, if it lies
         aside of that; and the match from where it is. at: the one before, it, the one after."""
         before, k, after = at
-        config, points = self._config, self._keyframes[k].faced
+        config, one = self._config, self._keyframes[k]
         T_now = SE2.from_array(poses[k])
         off_m = apart_m(T_way, T_now)
         if off_m < config.least_m:
             return None, None
-        self._learn(poses, before, after)
+        ends = before, after
+        surfaces_beside(self._surfaces, self._keyframes, poses, ends, config)
+        points = one.faced
+        if self._told[k - self.first].is_guess:  # who drew it aside is no part of the place
+            points = standing_on_way(one, T_way, self._keyframes, poses, ends, config)
         starts = [T_way, *self._surfaces.searched(points, T_way, config.reach_m, config.reach_rad)]
         stays = self._surfaces.match_alone(points, T_now)
-        matches = [stays, *(self._surfaces.match_alone(points, one) for one in starts)]
+        matches = [stays, *(self._surfaces.match_alone(points, start) for start in starts)]
         self._surfaces.clear()
         best = min(
             (one for one in matches if apart_m(T_way, one.T_map_base) < config.nearer * off_m),
@@ -245,19 +251,47 @@ class _Search:
         to, on = self._told[k - self.first], self._told[k + 1 - self.first]
         return to.squared(T_before, T_map_base) + on.squared(T_map_base, T_after)
 
-    def _learn(self, poses: FloatArray, before: int, after: int) -> None:
-        """The surfaces that those to either side saw, as far as they stand."""
-        config, keyframes = self._config, self._keyframes
-        first, last = max(before - config.half + 1, 0), min(after + config.half, len(keyframes))
-        first = max((k for k in range(first, after) if keyframes[k].is_break), default=first)
-        last = min((k for k in range(after + 1, last) if keyframes[k].is_break), default=last)
-        witnesses = Witnesses(
-            keyframes[first:last], poses[first:last], config.margins, config.aside_m
-        )
-        for k in (*range(first, before + 1), *range(after, last)):
-            standing = keyframes[k].faced[witnesses.stands(k - first)]
-            pose = SE2.from_array(poses[k])
-            self._surfaces.add(moved(pose, self._surfaces.thinned(standing)))
+
+def surfaces_beside(
+    surfaces: SurfaceMap,
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    ends: tuple[int, int],
+    config: StrayConfig,
+) -> None:
+    """Adds the surfaces that keyframes at poses (K, 3) saw up to one and from another on, as far as they stand."""
+    before, after = ends
+    first, last = max(before - config.half + 1, 0), min(after + config.half, len(keyframes))
+    first = max((k for k in range(first, after) if keyframes[k].is_break), default=first)
+    last = min((k for k in range(after + 1, last) if keyframes[k].is_break), default=last)
+    witnesses = Witnesses(keyframes[first:last], poses[first:last], config.margins, config.aside_m)
+    for k in (*range(first, before + 1), *range(after, last)):
+        standing = keyframes[k].faced[witnesses.stands(k - first)]
+        surfaces.add(moved(SE2.from_array(poses[k]), surfaces.thinned(standing)))
+
+
+def standing_on_way(
+    one: Keyframe,
+    T_way: SE2,
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    ends: tuple[int, int],
+    config: StrayConfig,
+) -> FloatArray:
+    """(N, 3) faced points of a scan, without those that keyframes up to one and from another on look through if it
+    was taken at a pose on the way; all of them where more than a quarter is: then it was not."""
+    before, after = ends
+    earlier = range(max(before + 1 - config.half, 0), before + 1)
+    later = range(after, min(after + config.half, len(keyframes)))
+    witnesses = Witnesses(
+        [*(keyframes[k] for k in earlier), one, *(keyframes[k] for k in later)],
+        np.concatenate([poses[earlier], [T_way.as_array()], poses[later]]),
+        config.margins,
+        config.aside_m,
+    )
+    is_standing = witnesses.stands(len(earlier))
+    standing: FloatArray = one.faced[is_standing]
+    return standing if is_standing.mean() >= config.standing else one.faced
 
 
 def _way(

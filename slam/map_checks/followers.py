@@ -41,7 +41,7 @@ def with_followers_left(
             step = steps[at]
             way = told[start + 1 - first_step : at + 1 - first_step]
             if any(one.is_guess for one in way):
-                T_way = SE2.exp(_share(steps, start, at, end) * T_end.log())
+                T_way = SE2.exp(share_of_way(steps, start, at, end) * T_end.log())
             else:
                 T_way = ToldStep.of(way).motion
             T_left = moved[k] @ step.T_keyframe_base
@@ -50,7 +50,7 @@ def with_followers_left(
     return found
 
 
-def _share(steps: Sequence[FrontEndStep], start: int, at: int, end: int) -> float:
+def share_of_way(steps: Sequence[FrontEndStep], start: int, at: int, end: int) -> float:
     """Of the way from one scan to another, after which a scan between them lies; stamps may stand, or go back."""
     start_s, at_s, end_s = (steps[index].time_s for index in (start, at, end))
     if start_s <= at_s <= end_s and start_s < end_s:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -25,12 +26,12 @@ _LEAST = 20
 """Steps by which it is known how fast the robot drives. Chosen."""
 _USUAL = 0.95
 """Share of them that are no faster than that. Chosen."""
-_FASTER, _APART_M = 2.0, 0.3
+_FASTER, APART_M = 2.0, 0.3
 """Times that speed, and how far a step ends from where it would have as fast as those before and after it.
 Chosen: of 32 simulated drives without wheels, jumps of right maps that were called good were 0.0 m so fast,
 of wrong ones 0.6 to 0.7 m."""
 _BACK_M = 0.5
-"""As `_APART_M`, of a step no faster than the others, but the other way, to a scan that leaves it open or was
+"""As `APART_M`, of a step no faster than the others, but the other way, to a scan that leaves it open or was
 searched for: few turn back at once. Chosen: 1 m of a real log played backwards, and 0.3 m of a scan of a right map."""
 _AGAINST = 60.0
 """Normalised error squared of what was told of a step, beyond which it is not the one that scans show. As
@@ -60,8 +61,46 @@ def scan_jumps(
     placed. Scans that broke off are another matter: see `slam.map_checks.pieces`.
     """
     own = steps[first_step:]
-    if len(own) < _LEAST:
+    jumps = jumps_between(own, told, poses, noise, is_odometry_doubted)
+    if not jumps.has_jumped.any():
         return []
+    worst = int(np.argmax(np.where(jumps.has_jumped, jumps.apart_m, 0.0)))
+    by = "by scans against the wheels" if jumps.is_denied[worst] else "by scans alone"
+    return [
+        f"at {own[worst + 1].time_s:.2f} s the robot would have gone"
+        f" {jumps.ways_m[worst]:.1f} m in {jumps.intervals_s[worst]:.2f} s, {by}, and"
+        " neither before nor after: somebody in view may have drawn one of them"
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """Of each way from one of N scans to the next, (N - 1,): whether it is a jump, and against wheels; how long it is
+    [m], took [s], and how far it ends from where it would have as fast as those before and after [m]."""
+
+    has_jumped: BoolArray
+    is_denied: BoolArray
+    ways_m: FloatArray
+    intervals_s: FloatArray
+    apart_m: FloatArray
+
+    @property
+    def by_scans_alone(self) -> BoolArray:
+        """(N - 1,) those that nothing but scans tells of."""
+        result: BoolArray = self.has_jumped & ~self.is_denied
+        return result
+
+
+def jumps_between(
+    own: Sequence[FrontEndStep],
+    told: Sequence[ToldStep],
+    poses: FloatArray,
+    noise: float,
+    is_odometry_doubted: bool = False,
+) -> Jumps:
+    """The jumps between the scans of a session; none, where those are too few to tell. Otherwise as `scan_jumps`."""
+    if len(own) < _LEAST:
+        return _no_jumps(len(own))
     placed = [step.placed(poses) for step in own]
     velocities_mps, intervals_s = _driven(placed, [step.time_s for step in own])
     speeds_mps = np.hypot(*velocities_mps.T)
@@ -81,22 +120,20 @@ def scan_jumps(
     )
     apart_m = apart_mps * intervals_s
     # what jumped says nothing of how fast the robot drives, nor does where it was found after a break
-    usual_mps = speeds_mps[is_seen & (speeds_mps > _MOVES_MPS) & ~(apart_m > _APART_M)]
+    usual_mps = speeds_mps[is_seen & (speeds_mps > _MOVES_MPS) & ~(apart_m > APART_M)]
     if len(usual_mps) < _LEAST:
-        return []
+        return _no_jumps(len(own))
     fast_mps = _FASTER * np.quantile(usual_mps, _USUAL)
-    has_jumped = (speeds_mps > fast_mps) & (apart_m > _APART_M)
+    has_jumped = (speeds_mps > fast_mps) & (apart_m > APART_M)
     is_vague = np.array([one.is_open or one.status is StepStatus.SEARCHED for one in own[1:]])
     has_jumped |= is_vague & (apart_mps > fast_mps) & (apart_m > _BACK_M)
-    if not has_jumped.any():
-        return []
-    worst = int(np.argmax(np.where(has_jumped, apart_m, 0.0)))
-    by = "by scans against the wheels" if is_denied[worst] else "by scans alone"
-    return [
-        f"at {own[worst + 1].time_s:.2f} s the robot would have gone"
-        f" {speeds_mps[worst] * intervals_s[worst]:.1f} m in {intervals_s[worst]:.2f} s, {by}, and"
-        " neither before nor after: somebody in view may have drawn one of them"
-    ]
+    return Jumps(has_jumped, is_denied, speeds_mps * intervals_s, intervals_s, apart_m)
+
+
+def _no_jumps(count: int) -> Jumps:
+    """Of so many scans."""
+    none, zeros = np.zeros(max(count - 1, 0), bool), np.zeros(max(count - 1, 0))
+    return Jumps(none, none, zeros, zeros, zeros)
 
 
 def _driven(placed: Sequence[SE2], times_s: Sequence[float]) -> tuple[FloatArray, FloatArray]:
