@@ -24,14 +24,13 @@ from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
 from slam.map_checks.followers import with_followers_left
 from slam.map_checks.hanging_pieces import hanging_pieces
-from slam.map_checks.jumped_scans import with_jumped_put_back
+from slam.map_checks.jumped_scans import has_jumped_alone, with_jumped_put_back
 from slam.map_checks.lone_loops import breaks_in_doubt
 from slam.map_checks.map_consistency import acquitted, judged
 from slam.map_checks.map_drift import too_far_adrift
 from slam.map_checks.moved_things import moved_things
 from slam.map_checks.open_ways import unknown_ways
 from slam.map_checks.range_offset import said_of_ranges
-from slam.map_checks.scan_jumps import jumps_between
 from slam.map_checks.scan_places import unknown_places
 from slam.map_checks.shown_jumps import shown_jumps
 from slam.map_checks.stray_scans import with_scans_put_back
@@ -172,8 +171,10 @@ class Mapper:
         if not self.config.is_odometry_doubted:
             self._breaks.believe(self._graph, self._front_end.told_steps)
         slam_map = self._held_together()
-        is_jumpy = self._session.is_joined and self._has_jumped(slam_map)
-        if is_jumpy and self._put_strays_back():  # what lies beside is where it belongs by now
+        first_step, poses = self._session.first_step, slam_map.poses
+        has_jumped = has_jumped_alone(slam_map.steps, first_step, self._told, poses)
+        # what lies beside a stray is where it belongs by now
+        if self._session.is_joined and has_jumped and self._put_strays_back():
             slam_map = self._held_together()
         said = self._monitor.objections(slam_map.steps, partial(self._session.between_m, slam_map))
         own = self._steps[self._session.first_step :]
@@ -202,12 +203,6 @@ class Mapper:
         if not graph.loops:
             poses = chained(keyframes, poses, self._session.first)
         graph.renew(keyframes, graph.loops, poses)
-
-    def _has_jumped(self, slam_map: SlamMap) -> bool:
-        """Whether scans of the session jumped that nothing but scans placed."""
-        first_step = self._session.first_step
-        steps, told = slam_map.steps[first_step:], self._told
-        return bool(jumps_between(steps, told, slam_map.poses, 1.0).by_scans_alone.any())
 
     def _put_strays_back(self) -> bool:
         """Looks back at keyframes of the session that lie aside of the way; whether any was put back."""

@@ -94,6 +94,11 @@ class FrontEndStep:
     passed_ratio: float = 0.0
     is_tied: bool = False
 
+    @property
+    def is_seen(self) -> bool:
+        """Whether the scan itself told where it was taken."""
+        return self.status in (StepStatus.MATCHED, StepStatus.SEARCHED)
+
     def placed(self, poses: FloatArray) -> SE2:
         """Where it was taken, with keyframes at poses (K, 3)."""
         if self.keyframe < 0:

@@ -279,7 +279,7 @@ def standing_on_way(
     config: StrayConfig,
 ) -> FloatArray:
     """(N, 3) faced points of a scan, without those that keyframes up to one and from another on look through if it
-    was taken at a pose on the way; all of them where more than a quarter is: then it was not."""
+    was taken at a pose on the way; all of them where too few stand: then it was not."""
     before, after = ends
     earlier = range(max(before + 1 - config.half, 0), before + 1)
     later = range(after, min(after + config.half, len(keyframes)))

@@ -85,7 +85,7 @@ class DriveMonitor:
         variance_m2 = float(measurement.motion_covariance[0, 0])
         self._unknown_m2 = 0.0 if _tells(step) else self._unknown_m2 + variance_m2
         self._take_along(step, variance_m2, has_jumped)
-        is_matched = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED) and not step.is_tied
+        is_matched = step.is_seen and not step.is_tied
         is_measured = told_m2 < _KNOWN_M**2
         if not (is_matched and is_measured):
             self._ways.interrupt()

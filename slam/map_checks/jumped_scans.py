@@ -14,9 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from slam.arrays import FloatArray
-from slam.beams import POINTS_WITHIN_M, Beams
-from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.arrays import BoolArray, FloatArray
+from slam.beams import POINTS_WITHIN_M
+from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.frontend.strays import (
     StrayConfig,
     ToldStep,
@@ -30,7 +30,6 @@ from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
 from slam.surface.views import Glance
 
-_PLACED = StepStatus.MATCHED, StepStatus.SEARCHED
 _UNEVEN_M, _WORSE = 0.2, 0.02
 """How far a scan lies from where an even way leads from the one before, and by how much more its match costs, that are
 as unlikely: standard deviation and mean."""
@@ -38,6 +37,15 @@ _BETTER = 0.01
 """Cost by which a scan may fit worse on the way than where it was."""
 _FITS, _SEEN = 0.9, 0.75
 """Share of a scan that must lie on surfaces where any were seen; and that must have been seen. Chosen, all of these."""
+
+
+def has_jumped_alone(
+    steps: Sequence[FrontEndStep], first_step: int, told: Sequence[ToldStep], poses: FloatArray
+) -> bool:
+    """Whether scans of the last session jumped that nothing but scans placed; otherwise as `with_jumped_put_back`."""
+    # where wheels tell of all, there are none, which takes longer to find
+    is_told = not any(one.is_guess for one in told[1:])
+    return not is_told and bool(_jumped_alone(steps[first_step:], told, poses).any())
 
 
 def with_jumped_put_back(
@@ -56,7 +64,7 @@ def with_jumped_put_back(
     before. poses: (K, 3) of the keyframes [m, rad]; glances: scans of the session since each of them.
     """
     before, config = list(steps), config or StrayConfig()
-    if not any(one.is_guess for one in told[1:]):
+    if not has_jumped_alone(before, first_step, told, poses):
         return before
     found, left = list(before), set[int]()
     runs = _jumped_runs(before, first_step, told, keyframes, poses)
@@ -91,7 +99,7 @@ def _jumped_runs(
     poses: FloatArray,
 ) -> list[tuple[int, int]]:
     """The steps of two keyframes between which there are scans, none of them told of by wheels, that jumped."""
-    has_jumped = jumps_between(steps[first_step:], told, poses, 1.0).by_scans_alone
+    has_jumped = _jumped_alone(steps[first_step:], told, poses)
     ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
     return [
         (start, end)
@@ -101,6 +109,13 @@ def _jumped_runs(
         and all(one.is_guess for one in told[start + 1 - first_step : end + 1 - first_step])
         and not keyframes[steps[end].keyframe].is_break
     ]
+
+
+def _jumped_alone(
+    own: Sequence[FrontEndStep], told: Sequence[ToldStep], poses: FloatArray
+) -> BoolArray:
+    """(N - 1,) of each way from one of N scans of a session to the next; how noisy wheels are is of no matter there."""
+    return jumps_between(own, told, poses, 1.0).by_scans_alone
 
 
 def _placed_again(
@@ -124,7 +139,7 @@ def _placed_again(
     for at in range(start + 1, end):
         # several may have been taken from one pose, in their order
         ways = [one.T_keyframe_base for one in left]
-        if steps[at].status not in _PLACED or steps[at].T_keyframe_base not in ways:
+        if not steps[at].is_seen or steps[at].T_keyframe_base not in ways:
             continue
         scan = left.pop(ways.index(steps[at].T_keyframe_base))
         share = share_of_way(steps, start, at, end)
@@ -152,9 +167,7 @@ def _placed_again(
 
 def _as_keyframe(scan: Glance, T_map_base: SE2) -> Keyframe:
     """A scan at a pose, of which nothing else is asked."""
-    view = scan.view(SE2.identity())
-    origins_m = np.broadcast_to(view.origin_m, (len(view.angles_rad), 2))
-    beams = Beams(origins_m, view.angles_rad, view.ranges_m)
+    beams = scan.view(SE2.identity()).beams
     points = beams.points_within(POINTS_WITHIN_M)
     return Keyframe(0.0, T_map_base, SE2.identity(), np.zeros((3, 3)), points, beams, False)
 

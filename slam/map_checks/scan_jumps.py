@@ -147,7 +147,7 @@ def _driven(placed: Sequence[SE2], times_s: Sequence[float]) -> tuple[FloatArray
 
 def _is_seen(steps: Sequence[FrontEndStep]) -> BoolArray:
     """(N - 1,) of each way from one of N scans to the next, whether both were matched."""
-    is_seen = np.array([one.status in (StepStatus.MATCHED, StepStatus.SEARCHED) for one in steps])
+    is_seen = np.array([one.is_seen for one in steps])
     result: BoolArray = is_seen[:-1] & is_seen[1:]
     return result
 

@@ -15,7 +15,7 @@ from itertools import accumulate, pairwise
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import FrontEndStep, StepStatus
+from slam.frontend.keyframes import FrontEndStep
 from slam.frontend.open_runs import EXACTLY, tied
 from slam.frontend.strays import ToldStep
 from slam.frontend.wheel_scale import WheelScale
@@ -72,9 +72,8 @@ def with_scans_put_back(
             continue
         for at, T_way in enumerate(way.poses, start=start + 1):
             step = steps[at]
-            is_seen = step.status in (StepStatus.MATCHED, StepStatus.SEARCHED)
-            is_to_move = is_seen and way.is_off(T_way, step.T_keyframe_base)
-            is_to_move |= is_doubted and (step.is_open or not is_seen)
+            is_to_move = step.is_seen and way.is_off(T_way, step.T_keyframe_base)
+            is_to_move |= is_doubted and (step.is_open or not step.is_seen)
             if is_to_move and not T_way.is_near(step.T_keyframe_base, _LEAST_M, math.inf):
                 T_map_base = steps[start].T_map_base @ T_way
                 moved[at] = replace(step, T_map_base=T_map_base, T_keyframe_base=T_way)

@@ -32,15 +32,16 @@ class View(NamedTuple):
         """That of beams, where they end as seen from the middle of where they start."""
         return View(T_map_base, beams.middle_m, *beams.from_middle())
 
+    @property
+    def beams(self) -> Beams:
+        """Its beams, in its frame."""
+        origins_m = np.broadcast_to(self.origin_m, (len(self.angles_rad), 2))
+        return Beams(origins_m, self.angles_rad, self.ranges_m)
+
     def faced(self, range_m: float) -> FloatArray:
         """(N, 3) where its beams ended, in its frame, if less than a range away [m], and where the
         surfaces face: see `slam.surface.surface_map`."""
-        beams = Beams(
-            np.broadcast_to(self.origin_m, (len(self.angles_rad), 2)),
-            self.angles_rad,
-            self.ranges_m,
-        )
-        return faced(beams.points_within(range_m), self.origin_m)
+        return faced(self.beams.points_within(range_m), self.origin_m)
 
 
 class Glance(NamedTuple):
