@@ -27,7 +27,9 @@ class StillScans:
     """The last scans, and where they were taken."""
 
     def __init__(self) -> None:
-        self._ranges_m: FloatArray = np.full((_KEPT, 0), np.inf)
+        # twice the room, so that they move up once in so many scans, and stand in their order
+        self._ranges_m: FloatArray = np.empty((2 * _KEPT, 0))
+        self._end = 0
         self._places: list[SE2] = []
 
     def place(self, beams: Beams, T_last: SE2, way_m: float) -> SE2 | None:
@@ -37,7 +39,7 @@ class StillScans:
         if count == 0 or self._ranges_m.shape[1] != len(beams):
             return None
         shares = np.empty(count)
-        kept = read_only(self._ranges_m[:count])
+        kept = read_only(self._ranges_m[self._end - count : self._end])
         if same_into(kept, beams.ranges_m, *BEAM_NOISE, shares) < _SAME:
             return None
         is_near = np.array([apart_m(place, T_last) <= _LONG_M for place in self._places])
@@ -54,13 +56,17 @@ class StillScans:
     def take(self, beams: Beams, T_map_base: SE2) -> None:
         """Notes where a scan was taken."""
         if self._ranges_m.shape[1] != len(beams):
-            self._ranges_m, self._places = np.full((_KEPT, len(beams)), np.inf), []
+            self._ranges_m, self._end, self._places = np.empty((2 * _KEPT, len(beams))), 0, []
         if self._places and T_map_base.is_near(self._places[-1], *_NEW):
             return
         if len(self._places) == _KEPT:
-            self._ranges_m[:-1] = self._ranges_m[1:]
             del self._places[0]
-        self._ranges_m[len(self._places)] = beams.ranges_m
+        if self._end == len(self._ranges_m):
+            count = len(self._places)
+            self._ranges_m[:count] = self._ranges_m[self._end - count :]
+            self._end = count
+        self._ranges_m[self._end] = beams.ranges_m
+        self._end += 1
         self._places.append(T_map_base)
 
     def forget(self) -> None:

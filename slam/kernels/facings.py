@@ -55,21 +55,19 @@ def facings_into(
         to_x, to_y = seen_from[0] - x, seen_from[1] - y
         if n >= 3.0:
             along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
-            reaching = 0.5 * (cxx + cyy) + math.hypot(0.5 * (cxx - cyy), cxy)
+            reaching = 0.5 * (cxx + cyy + math.sqrt((cxx - cyy) ** 2 + 4.0 * cxy * cxy))
             if reaching > 0.0:
                 variances[i] = max(cxx + cyy - reaching, 0.0) / ((n - 2.0) * reaching)
-            nx, ny = -math.sin(along), math.cos(along)
-            off = nx * to_x + ny * to_y
+            off = math.cos(along) * to_y - math.sin(along) * to_x
+            # the normal lies a quarter of a turn from the line, to the one side or the other
+            facing = along + math.copysign(0.5 * math.pi, off)
             if abs(off) < _GRAZED_M:
-                faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.nan
-                continue
-            if off < 0.0:
-                nx, ny = -nx, -ny
+                facing = math.nan
         elif is_lone_told or _is_far_out(points, i, seen_from, reach_m):
-            nx, ny = to_x, to_y
+            facing = math.atan2(to_y, to_x)
         else:
-            nx = ny = math.nan
-        faced[i, 0], faced[i, 1], faced[i, 2] = x, y, math.atan2(ny, nx)
+            facing = math.nan
+        faced[i, 0], faced[i, 1], faced[i, 2] = x, y, facing
 
 
 @compiled

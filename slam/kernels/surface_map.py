@@ -26,18 +26,24 @@ that was seen from two sides made one slanting surface: 0.1 m at each door."""
 NONE = 0
 """In the place of an entry: no cell is kept there. Memory that nobody wrote to is all zeros, and costs
 nothing until somebody does: of the index, most never is."""
-_ALL_SIDES = np.uint8(2**SIDES - 1)
+_ALL_SIDES = 2**SIDES - 1
 _LEAST_POINTS = 4.0
 """Chosen: fewer points make no surface; three lie on a line by chance."""
 _LEAST_LENGTH = 0.15
 """Of a cell's side: shorter than that along its longer axis, a cluster has no direction."""
 
-# what `surfels` (E, SIDES, SURFEL) holds: unit normal, offset along it [m], variance across [m2],
-# count of the points, their middle along the surface [m], the sum [m2] of their squared distances
-# from there, and the variance [rad2] that the direction has by how they scatter
+# what `heads` (E, HEAD) hold: the cell of the plane that an entry stands for, by how many points it is used,
+# and its STATE: a bit for each of the SIDES whose surfel has to be made anew, `MADE` times that for each that
+# has one, and from `LEVEL` on its level. All in one line of the cache: a point asks for no other before its surfel
+_COLUMN, _ROW, USES, STATE = 0, 1, 2, 3
+HEAD = 4
+MADE, LEVEL = SIDES, 2 * SIDES
+# what `surfels` (E, SIDES, SURFEL) holds: unit normal, offset along it [m], variance across [m2], middle of its
+# points along the surface [m], the sum [m2] of their squared distances from there, and the variance [rad2] that
+# the direction has by how they scatter: so many FIELDS; one more fills a line
 NORMAL_X, NORMAL_Y, OFFSET, VARIANCE = 0, 1, 2, 3
-COUNT, MIDDLE, LEVER, DIRECTION_VARIANCE = 4, 5, 6, 7
-SURFEL = 8
+MIDDLE, LEVER, DIRECTION_VARIANCE = 4, 5, 6
+FIELDS, SURFEL = 7, 8
 
 
 @compiled
@@ -62,11 +68,11 @@ def place_of(column: int, row: int) -> int:
 
 @compiled
 def entry_of(
-    index: NDArray[np.int32], cells: NDArray[np.int32], level: int, column: int, row: int
+    index: NDArray[np.int32], heads: NDArray[np.int32], level: int, column: int, row: int
 ) -> int:
     """Where a cell of a level is kept, NONE where no point is in it or beside it."""
     entry = index[level, place_of(column, row)]
-    if entry != NONE and cells[entry, 0] == column and cells[entry, 1] == row:
+    if entry != NONE and heads[entry, _COLUMN] == column and heads[entry, _ROW] == row:
         return int(entry)
     return NONE
 
@@ -74,12 +80,9 @@ def entry_of(
 @compiled
 def put(
     index: NDArray[np.int32],
-    cells: NDArray[np.int32],
-    uses: NDArray[np.int32],
-    levels: NDArray[np.int8],
+    heads: NDArray[np.int32],
     free: NDArray[np.int32],
     sums: NDArray[np.float32],
-    due: NDArray[np.uint8],
     points: FloatArray,
     done: IntArray,
     sign: int,
@@ -89,15 +92,13 @@ def put(
     them out. Whether all are done; False where entries ran out: call it again once there are more.
 
     index: (L, SIDE * SIDE) entries of cells with a point in them or beside them, NONE of others, see `place_of`.
-    cells: (E, 2) of the plane that entries stand for; uses: (E,) by points; levels: (E,); free: (E + 1,) entries
-    that nothing uses, their count at the end. sums: (E, SIDES, 6) count, x, y, xx, xy, yy from the cell's
-    middle. due: (E,) a bit for each of the SIDES whose surfel has to be made anew. done: (L,) how many points are
-    in the cells of each level, in place. cells_m: (L,).
+    heads: (E, HEAD) of entries; free: (E + 1,) those that nothing uses, their count at the end. sums: (E, SIDES, 6)
+    count, x, y, xx, xy, yy from the cell's middle. done: (L,) how many points are in the cells of each level, in
+    place. cells_m: (L,).
     """
     for level in range(cells_m.shape[0]):
         done[level] = _put_level(
-            index[level], cells, uses, levels, free, sums, due, points, done[level], sign, level,
-            cells_m[level],
+            index[level], heads, free, sums, points, done[level], sign, level, cells_m[level],
         )  # fmt: skip
         if done[level] < points.shape[0]:
             return False
@@ -107,12 +108,9 @@ def put(
 @compiled
 def _put_level(
     index: NDArray[np.int32],
-    cells: NDArray[np.int32],
-    uses: NDArray[np.int32],
-    levels: NDArray[np.int8],
+    heads: NDArray[np.int32],
     free: NDArray[np.int32],
     sums: NDArray[np.float32],
-    due: NDArray[np.uint8],
     points: FloatArray,
     first: int,
     sign: int,
@@ -121,7 +119,6 @@ def _put_level(
 ) -> int:
     """As `put`, of one level and from the first point on: the number of the point at which entries ran out, N
     when all are done."""
-    entries = np.empty((3, 3), np.int64)
     i = first
     while i < points.shape[0]:
         if math.isnan(points[i, 2]):
@@ -130,79 +127,71 @@ def _put_level(
         if sign > 0 and free[-1] < 9:
             return i
         column, row = math.floor(points[i, 0] / cell_m), math.floor(points[i, 1] / cell_m)
-        for u in range(3):
-            for v in range(3):
-                beside, above = column + u - 1, row + v - 1
+        # neighbours in a scan share a cell, most of the time: what is done for cells is done once
+        count, asked, end = 0, 0, i
+        while end < points.shape[0]:
+            if not math.isnan(points[end, 2]):
+                if (
+                    math.floor(points[end, 0] / cell_m) != column
+                    or math.floor(points[end, 1] / cell_m) != row
+                ):
+                    break
+                near, far = sides_of(points[end, 2])
+                asked |= 1 << near | 1 << far
+                count += 1
+            end += 1
+        middle = NONE
+        for u in range(-1, 2):
+            for v in range(-1, 2):
+                beside, above = column + u, row + v
                 place = place_of(beside, above)
                 entry = index[place]
-                if entry == NONE or cells[entry, 0] != beside or cells[entry, 1] != above:
+                if entry == NONE or heads[entry, _COLUMN] != beside or heads[entry, _ROW] != above:
                     if sign < 0:
-                        entries[u, v] = NONE  # another cell of the plane has taken the place since
-                        continue
+                        continue  # another cell of the plane has taken the place since
                     if entry == NONE:
                         free[-1] -= 1
                         entry = free[free[-1]]
                         index[place] = entry
-                    cells[entry, 0], cells[entry, 1] = beside, above
-                    uses[entry], due[entry], levels[entry] = 0, _ALL_SIDES, level
+                    heads[entry, _COLUMN], heads[entry, _ROW] = beside, above
+                    heads[entry, USES], heads[entry, STATE] = 0, level << LEVEL | _ALL_SIDES
                     for side in range(SIDES):
                         for j in range(6):
                             sums[entry, side, j] = 0.0
-                entries[u, v] = entry
-        middle, count, asked = entries[1, 1], 0, np.uint8(0)
-        middle_x, middle_y = (column + 0.5) * cell_m, (row + 0.5) * cell_m
-        # neighbours in a scan share a cell, most of the time: what is done for cells is done once
-        while i < points.shape[0]:
-            if math.isnan(points[i, 2]):
-                i += 1
-                continue
-            if (
-                math.floor(points[i, 0] / cell_m) != column
-                or math.floor(points[i, 1] / cell_m) != row
-            ):
-                break
-            sides = sides_of(points[i, 2])
-            x, y = points[i, 0] - middle_x, points[i, 1] - middle_y
-            for side in sides:
-                asked |= np.uint8(1 << side)
-                if middle != NONE:
+                heads[entry, USES] += sign * count
+                heads[entry, STATE] |= asked
+                if heads[entry, USES] <= 0:
+                    index[place] = NONE
+                    free[free[-1]] = entry
+                    free[-1] += 1
+                elif u == 0 and v == 0:
+                    middle = entry
+        if middle != NONE:
+            middle_x, middle_y = (column + 0.5) * cell_m, (row + 0.5) * cell_m
+            for k in range(i, end):
+                if math.isnan(points[k, 2]):
+                    continue
+                x, y = points[k, 0] - middle_x, points[k, 1] - middle_y
+                for side in sides_of(points[k, 2]):
                     sums[middle, side, 0] += sign
                     sums[middle, side, 1] += sign * x
                     sums[middle, side, 2] += sign * y
                     sums[middle, side, 3] += sign * x * x
                     sums[middle, side, 4] += sign * x * y
                     sums[middle, side, 5] += sign * y * y
-            count += 1
-            i += 1
-        for u in range(3):
-            for v in range(3):
-                entry = entries[u, v]
-                if entry == NONE:
-                    continue
-                uses[entry] += sign * count
-                due[entry] |= asked
-                if uses[entry] <= 0:
-                    index[place_of(column + u - 1, row + v - 1)] = NONE
-                    free[free[-1]] = entry
-                    free[-1] += 1
-    result: int = points.shape[0]
-    return result
+        i = end
+    return i
 
 
 @compiled
-def clear(
-    index: NDArray[np.int32],
-    cells: NDArray[np.int32],
-    uses: NDArray[np.int32],
-    levels: NDArray[np.int8],
-    free: NDArray[np.int32],
-) -> None:
+def clear(index: NDArray[np.int32], heads: NDArray[np.int32], free: NDArray[np.int32]) -> None:
     """Takes out all points of all levels: index (L, SIDE * SIDE)."""
-    count = uses.shape[0]
+    count = heads.shape[0]
     for entry in range(1, count):
-        if uses[entry] > 0:
-            index[levels[entry], place_of(cells[entry, 0], cells[entry, 1])] = NONE
-            uses[entry] = 0
+        if heads[entry, USES] > 0:
+            place = place_of(heads[entry, _COLUMN], heads[entry, _ROW])
+            index[heads[entry, STATE] >> LEVEL, place] = NONE
+            heads[entry, USES] = 0
         free[count - 1 - entry] = entry
     free[count] = count - 1
 
@@ -210,7 +199,7 @@ def clear(
 @compiled
 def make_surfel(
     index: NDArray[np.int32],
-    cells: NDArray[np.int32],
+    heads: NDArray[np.int32],
     sums: NDArray[np.float32],
     level: int,
     column: int,
@@ -218,13 +207,12 @@ def make_surfel(
     side: int,
     cell_m: float,
     surfel: FloatArray,
-) -> None:
-    """The line through a cell's and its neighbours' points of a side; COUNT 0 where they make none."""
-    surfel[COUNT] = 0.0
+) -> bool:
+    """Whether a cell's and its neighbours' points of a side make a line: that, then."""
     n = sx = sy = sxx = sxy = syy = 0.0
     for u in range(-1, 2):
         for v in range(-1, 2):
-            entry = entry_of(index, cells, level, column + u, row + v)
+            entry = entry_of(index, heads, level, column + u, row + v)
             if entry == NONE:
                 continue
             held = sums[entry, side]
@@ -238,19 +226,19 @@ def make_surfel(
             sxy += held[4] + x * held[2] + y * held[1] + m * x * y
             syy += held[5] + 2.0 * y * held[2] + m * y * y
     if n < _LEAST_POINTS:
-        return
+        return False
     mean_x, mean_y = sx / n, sy / n
     cxx, cxy, cyy = sxx / n - mean_x**2, sxy / n - mean_x * mean_y, syy / n - mean_y**2
     half = 0.5 * (cxx + cyy)
     apart = math.sqrt(0.25 * (cxx - cyy) ** 2 + cxy * cxy)
     if half + apart < (_LEAST_LENGTH * cell_m) ** 2:
-        return
+        return False
     along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
     surfel[NORMAL_X], surfel[NORMAL_Y] = -math.sin(along), math.cos(along)
     x, y = mean_x + (column + 0.5) * cell_m, mean_y + (row + 0.5) * cell_m
     surfel[OFFSET] = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y
     surfel[VARIANCE] = max(half - apart, 0.0)
-    surfel[COUNT] = n
     surfel[MIDDLE] = surfel[NORMAL_Y] * x - surfel[NORMAL_X] * y
     surfel[LEVER] = n * (half + apart)
     surfel[DIRECTION_VARIANCE] = n / (n - 2.0) * surfel[VARIANCE] / surfel[LEVER]
+    return True

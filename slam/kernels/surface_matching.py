@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import FloatArray
-from slam.kernels import compiled
+from slam.arrays import FloatArray, IntArray
+from slam.kernels import compiled, compiled_vectorised
 from slam.kernels.normal_equations import (
     LEAST_PIVOT,
     lower_root_into,
@@ -16,15 +16,17 @@ from slam.kernels.normal_equations import (
     symmetric_into,
 )
 from slam.kernels.surface_map import (
-    COUNT,
     DIRECTION_VARIANCE,
+    FIELDS,
     LEVER,
+    MADE,
     MIDDLE,
     NONE,
     NORMAL_X,
     NORMAL_Y,
     OFFSET,
     SIDES,
+    STATE,
     VARIANCE,
     entry_of,
     make_surfel,
@@ -36,6 +38,13 @@ _KERNEL = 6.0
 _FITS = 9.0
 """Squared residual, in variances, of a point that fits: three sigmas."""
 
+# rows of what points see, behind the surfel's: whether they see one, and where they are, map frame and base
+_SEES, _X, _Y, _X_BASE, _Y_BASE = FIELDS, FIELDS + 1, FIELDS + 2, FIELDS + 3, FIELDS + 4
+_ROWS = FIELDS + 5
+# what points tell: information (xx, xy, xt, yy, yt, tt), pull (3,), what noise makes of the information (as that), and
+# how many points see a surface, fit it, and what they cost
+_PULL, _NOISE, _SEEN, _FITTING, _COST, _TOLD = 6, 9, 15, 16, 17, 18
+
 _LEAST_LEFT = 0.1
 """Share of a scan's information that is left along any direction: how much of it noise makes is itself
 known roughly. Chosen."""
@@ -46,9 +55,8 @@ _LEAST_KNOWN = 1e-9
 @compiled
 def align(
     index: NDArray[np.int32],
-    cells: NDArray[np.int32],
+    heads: NDArray[np.int32],
     sums: NDArray[np.float32],
-    due: NDArray[np.uint8],
     surfels: FloatArray,
     cells_m: FloatArray,
     points: FloatArray,
@@ -88,79 +96,21 @@ def align(
     """
     both, root, step, pose = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     pose[0], pose[1], pose[2] = pose_x, pose_y, heading
+    count = points.shape[0]
+    places, seen_surfels, told = (
+        np.empty((count, 3), np.int64), np.empty((_ROWS, count)), np.empty(_TOLD),
+    )  # fmt: skip
     for stage in range(scales_m.shape[0]):
         scale = scales_m[stage] ** 2
+        _begin(points, places, seen_surfels)
         for _ in range(max_steps):
             c, s = math.cos(pose[2]), math.sin(pose[2])
-            xx = xy = xt = yy = yt = tt = pull_x = pull_y = pull_t = 0.0
-            noise_xx = noise_xy = noise_xt = noise_yy = noise_yt = noise_tt = 0.0
-            seen = fitting = cost = 0.0
-            for i in range(points.shape[0]):
-                if math.isnan(points[i, 2]):
-                    continue
-                px, py = points[i, 0], points[i, 1]
-                x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
-                level = finest[stage]
-                near, far = sides_of(points[i, 2] + pose[2])
-                entry, side = NONE, 0
-                while level >= 0:
-                    cell_m = cells_m[level]
-                    column, row = math.floor(x / cell_m), math.floor(y / cell_m)
-                    entry = entry_of(index, cells, level, column, row)
-                    if entry != NONE:
-                        side = near
-                        # of one call each, in a loop: several would not be inlined
-                        for _ in range(2):
-                            if due[entry] >> side & 1:
-                                make_surfel(
-                                    index, cells, sums, level, column, row, side, cell_m,
-                                    surfels[entry, side],
-                                )  # fmt: skip
-                                due[entry] &= ~np.uint8(1 << side)
-                            if surfels[entry, side, COUNT] > 0.0 or side == far:
-                                break
-                            side = far
-                        if surfels[entry, side, COUNT] > 0.0:
-                            break
-                    level -= 1
-                if level < 0:
-                    continue
-                surfel = surfels[entry, side]
-                seen += 1.0
-                residual = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y - surfel[OFFSET]
-                wide = variance + surfel[VARIANCE]
-                limit = scale + _KERNEL * wide
-                share = limit / (limit + residual * residual)
-                # so few points may lie on a line by chance: where they are weighed, the usual noise is
-                # added to theirs; what they pull is mended by their own alone, which is unbiased
-                turned = surfel[DIRECTION_VARIANCE] + variance / surfel[LEVER]
-                beyond_m = surfel[NORMAL_Y] * x - surfel[NORMAL_X] * y - surfel[MIDDLE]
-                weight = share * share / (wide + turned * beyond_m * beyond_m)
-                fitting += residual * residual < _FITS * (wide + variance)
-                cost += 1.0 - share
-                nx = c * surfel[NORMAL_X] + s * surfel[NORMAL_Y]
-                ny = c * surfel[NORMAL_Y] - s * surfel[NORMAL_X]
-                nt = px * ny - py * nx
-                xx += weight * nx * nx
-                xy += weight * nx * ny
-                xt += weight * nx * nt
-                yy += weight * ny * ny
-                yt += weight * ny * nt
-                tt += weight * nt * nt
-                # noise turns surfaces; it pulls as if along them, back to where their points are
-                outward = weight * surfel[DIRECTION_VARIANCE] * beyond_m
-                nd = -px * nx - py * ny
-                pull_x += outward * ny - weight * nx * residual
-                pull_y -= outward * nx + weight * ny * residual
-                pull_t += outward * nd - weight * nt * residual
-                noise = weight * turned
-                noise_xx += noise * ny * ny
-                noise_xy -= noise * ny * nx
-                noise_xt += noise * ny * nd
-                noise_yy += noise * nx * nx
-                noise_yt -= noise * nx * nd
-                noise_tt += noise * nd * nd
-            symmetric_into(xx, xy, xt, yy, yt, tt, information)
+            _look_up(
+                index, heads, sums, surfels, cells_m, points, finest[stage], pose, places,
+                seen_surfels,
+            )  # fmt: skip
+            _tell(seen_surfels, c, s, variance, scale, told)
+            symmetric_into(told[0], told[1], told[2], told[3], told[4], told[5], information)
             east, north = predicted_x - pose[0], predicted_y - pose[1]
             ahead, aside = c * east + s * north, c * north - s * east
             turn = predicted_heading - pose[2]
@@ -175,9 +125,9 @@ def align(
             for j in range(3):
                 for k in range(3):
                     both[j, k] = share_counted * information[j, k] + trusted * odometry[j, k]
-            step[0] = share_counted * pull_x + trusted * step[0]
-            step[1] = share_counted * pull_y + trusted * step[1]
-            step[2] = share_counted * pull_t + trusted * step[2]
+            step[0] = share_counted * told[_PULL] + trusted * step[0]
+            step[1] = share_counted * told[_PULL + 1] + trusted * step[1]
+            step[2] = share_counted * told[_PULL + 2] + trusted * step[2]
             lower_root_into(both, LEAST_PIVOT, root)
             solve_by_root(root, step, step)
             pose[0] += c * step[0] - s * step[1]
@@ -185,9 +135,133 @@ def align(
             pose[2] += step[2]
             if abs(step[0]) + abs(step[1]) < 1e-3 and abs(step[2]) < 5e-4:
                 break
-    symmetric_into(noise_xx, noise_xy, noise_xt, noise_yy, noise_yt, noise_tt, both)
+    noise = told[_NOISE:]
+    symmetric_into(noise[0], noise[1], noise[2], noise[3], noise[4], noise[5], both)
     _take_off(information, both, root)
-    return pose[0], pose[1], pose[2], seen, fitting, cost, trusted
+    return pose[0], pose[1], pose[2], told[_SEEN], told[_FITTING], told[_COST], trusted
+
+
+@compiled
+def _begin(points: FloatArray, places: IntArray, seen: FloatArray) -> None:
+    """Of points (N, 3): none has been looked up, none sees a surface. See `_look_up`."""
+    for i in range(points.shape[0]):
+        places[i, 2] = -1
+        for k in range(_ROWS):
+            seen[k, i] = 0.0
+        seen[LEVER, i] = 1.0  # what is divided by is no zero
+        if not math.isnan(points[i, 2]):
+            seen[_X_BASE, i], seen[_Y_BASE, i] = points[i, 0], points[i, 1]
+
+
+@compiled
+def _look_up(
+    index: NDArray[np.int32],
+    heads: NDArray[np.int32],
+    sums: NDArray[np.float32],
+    surfels: FloatArray,
+    cells_m: FloatArray,
+    points: FloatArray,
+    finest: int,
+    pose: FloatArray,
+    places: IntArray,
+    seen: FloatArray,
+) -> None:
+    """Into seen (_ROWS, N): the surfels that points (N, 3) see from a pose (3,), in the finest level that
+    has one. places: (N, 3) column and row in the level `finest` and sides of each point when it was looked up
+    last; as long as these stay, so does its surfel: between two steps few points leave their cells."""
+    fine_m, c, s = cells_m[finest], math.cos(pose[2]), math.sin(pose[2])
+    for i in range(points.shape[0]):
+        if math.isnan(points[i, 2]):
+            continue
+        px, py = points[i, 0], points[i, 1]
+        x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+        seen[_X, i], seen[_Y, i] = x, y
+        near, far = sides_of(points[i, 2] + pose[2])
+        column, row = math.floor(x / fine_m), math.floor(y / fine_m)
+        sides = near * SIDES + far
+        if places[i, 2] == sides and places[i, 0] == column and places[i, 1] == row:
+            continue
+        places[i, 0], places[i, 1], places[i, 2] = column, row, sides
+        seen[_SEES, i] = 0.0
+        level = finest
+        while level >= 0:
+            cell_m = cells_m[level]
+            column, row = math.floor(x / cell_m), math.floor(y / cell_m)
+            entry = entry_of(index, heads, level, column, row)
+            if entry != NONE:
+                side = near
+                # of one call, in a loop: two would not be inlined
+                for _ in range(2):
+                    if heads[entry, STATE] >> side & 1:
+                        heads[entry, STATE] &= ~(1 << side | 1 << side + MADE)
+                        if make_surfel(
+                            index, heads, sums, level, column, row, side, cell_m,
+                            surfels[entry, side],
+                        ):  # fmt: skip
+                            heads[entry, STATE] |= 1 << side + MADE
+                    if heads[entry, STATE] >> side + MADE & 1:
+                        seen[_SEES, i] = 1.0
+                        for k in range(FIELDS):
+                            seen[k, i] = surfels[entry, side, k]
+                        break
+                    side = far
+                if seen[_SEES, i] > 0.0:
+                    break
+            level -= 1
+
+
+@compiled_vectorised
+def _tell(
+    seen: FloatArray, c: float, s: float, variance: float, scale: float, told: FloatArray
+) -> None:
+    """Into told (_TOLD,): what points tell at a pose of a heading's cosine and sine; seen (_ROWS, N) as of
+    `_look_up` there. variance and scale [m2]: as in `align`, the latter squared."""
+    xx = xy = xt = yy = yt = tt = pull_x = pull_y = pull_t = 0.0
+    noise_xx = noise_xy = noise_xt = noise_yy = noise_yt = noise_tt = 0.0
+    count = fitting = cost = 0.0
+    for i in range(seen.shape[1]):
+        px, py, x, y = seen[_X_BASE, i], seen[_Y_BASE, i], seen[_X, i], seen[_Y, i]
+        normal_x, normal_y, sees = seen[NORMAL_X, i], seen[NORMAL_Y, i], seen[_SEES, i]
+        direction_variance = seen[DIRECTION_VARIANCE, i]
+        residual = normal_x * x + normal_y * y - seen[OFFSET, i]
+        wide = variance + seen[VARIANCE, i]
+        limit = scale + _KERNEL * wide
+        share = limit / (limit + residual * residual)
+        # so few points may lie on a line by chance: where they are weighed, the usual noise is
+        # added to theirs; what they pull is mended by their own alone, which is unbiased
+        turned = direction_variance + variance / seen[LEVER, i]
+        beyond_m = normal_y * x - normal_x * y - seen[MIDDLE, i]
+        weight = sees * share * share / (wide + turned * beyond_m * beyond_m)
+        count += sees
+        fitting += sees if residual * residual < _FITS * (wide + variance) else 0.0
+        cost += sees * (1.0 - share)
+        nx = c * normal_x + s * normal_y
+        ny = c * normal_y - s * normal_x
+        nt = px * ny - py * nx
+        xx += weight * nx * nx
+        xy += weight * nx * ny
+        xt += weight * nx * nt
+        yy += weight * ny * ny
+        yt += weight * ny * nt
+        tt += weight * nt * nt
+        # noise turns surfaces; it pulls as if along them, back to where their points are
+        outward = weight * direction_variance * beyond_m
+        nd = -px * nx - py * ny
+        pull_x += outward * ny - weight * nx * residual
+        pull_y -= outward * nx + weight * ny * residual
+        pull_t += outward * nd - weight * nt * residual
+        noise = weight * turned
+        noise_xx += noise * ny * ny
+        noise_xy -= noise * ny * nx
+        noise_xt += noise * ny * nd
+        noise_yy += noise * nx * nx
+        noise_yt -= noise * nx * nd
+        noise_tt += noise * nd * nd
+    told[0], told[1], told[2], told[3], told[4], told[5] = xx, xy, xt, yy, yt, tt
+    told[6], told[7], told[8] = pull_x, pull_y, pull_t
+    told[9], told[10], told[11] = noise_xx, noise_xy, noise_xt
+    told[12], told[13], told[14] = noise_yy, noise_yt, noise_tt
+    told[_SEEN], told[_FITTING], told[_COST] = count, fitting, cost
 
 
 @compiled
@@ -200,17 +274,17 @@ def _take_off(information: FloatArray, noise: FloatArray, root: FloatArray) -> N
     # the noise where information is the same along all directions, and equal to one
     scaled = _divided(_divided(noise, root).T.copy(), root)
     shares, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    told = np.empty(3)
+    along = np.empty(3)
     for k in range(3):
         share = min(shares[k], 1.0 - _LEAST_LEFT)
         if share > 0.0:
             for i in range(3):
-                told[i] = 0.0
+                along[i] = 0.0
                 for j in range(i + 1):
-                    told[i] += root[i, j] * directions[j, k]
+                    along[i] += root[i, j] * directions[j, k]
             for i in range(3):
                 for j in range(3):
-                    information[i, j] -= share * told[i] * told[j]
+                    information[i, j] -= share * along[i] * along[j]
 
 
 @compiled
@@ -230,7 +304,7 @@ def _divided(matrix: FloatArray, root: FloatArray) -> FloatArray:
 @compiled
 def count_on_walls(
     index: NDArray[np.int32],
-    cells: NDArray[np.int32],
+    heads: NDArray[np.int32],
     sums: NDArray[np.float32],
     level: int,
     cell_m: float,
@@ -258,7 +332,7 @@ def count_on_walls(
     held = np.zeros((2 * columns, 2 * rows), np.uint8)
     for a in range(columns):
         for b in range(rows):
-            entry = entry_of(index, cells, level, first_column + a, first_row + b)
+            entry = entry_of(index, heads, level, first_column + a, first_row + b)
             if entry != NONE:
                 sides = np.uint8(0)
                 for side in range(SIDES):

@@ -197,11 +197,8 @@ class SurfaceMap:
         levels, side = len(self.config.cells_m), kernels.SIDE
         self._index: NDArray[np.int32] = np.zeros((levels, side * side), np.int32)
         count = _FIRST_ENTRIES
-        self._cells: NDArray[np.int32] = np.zeros((count, 2), np.int32)
-        self._uses: NDArray[np.int32] = np.zeros(count, np.int32)
-        self._levels: NDArray[np.int8] = np.zeros(count, np.int8)
+        self._heads: NDArray[np.int32] = np.zeros((count, kernels.HEAD), np.int32)
         self._sums: NDArray[np.float32] = np.zeros((count, kernels.SIDES, 6), np.float32)
-        self._due: NDArray[np.uint8] = np.zeros(count, np.uint8)
         self._surfels: FloatArray = np.zeros((count, kernels.SIDES, kernels.SURFEL))
         # the lowest are the next
         self._free = np.array([*range(count - 1, 0, -1), kernels.NONE, count - 1], np.int32)
@@ -211,8 +208,8 @@ class SurfaceMap:
     @property
     def memory_bytes(self) -> int:
         """What the cells take."""
-        arrays = (self._index, self._cells, self._uses, self._levels, self._sums, self._due)
-        return sum(array.nbytes for array in (*arrays, self._surfels, self._free))
+        arrays = (self._index, self._heads, self._sums, self._surfels, self._free)
+        return sum(array.nbytes for array in arrays)
 
     def add(self, points_map: FloatArray) -> None:
         """Takes up faced points (N, 3), map frame."""
@@ -224,7 +221,7 @@ class SurfaceMap:
 
     def clear(self) -> None:
         """Takes out all points."""
-        kernels.clear(self._index, self._cells, self._uses, self._levels, self._free)
+        kernels.clear(self._index, self._heads, self._free)
 
     def match(
         self,
@@ -245,7 +242,7 @@ class SurfaceMap:
         pull = config.pull if pull is None else pull
         information, held = np.empty((3, 3)), odometry + _STAYS
         x, y, theta, seen, fitting, cost, weight = matching.align(
-            self._index, self._cells, self._sums, self._due, self._surfels, self._cells_m, points,
+            self._index, self._heads, self._sums, self._surfels, self._cells_m, points,
             config.sigma_m**2, pull, *self._stages, T_start.x, T_start.y, T_start.theta,
             T_predicted.x, T_predicted.y, T_predicted.theta, held, min(trust, 1e12),
             config.max_steps, information,
@@ -288,7 +285,7 @@ class SurfaceMap:
         )
         counts = np.empty((len(turns), len(x), len(y)), np.int32)
         matching.count_on_walls(
-            self._index, self._cells, self._sums, level, cell_m, points, float(x[0]), float(y[0]),
+            self._index, self._heads, self._sums, level, cell_m, points, float(x[0]), float(y[0]),
             T_middle.theta + turns, counts,
         )  # fmt: skip
         found = []
@@ -310,17 +307,15 @@ class SurfaceMap:
     def _put(self, points: FloatArray, sign: int) -> None:
         done = np.zeros(len(self._cells_m), np.int64)
         while not kernels.put(
-            self._index, self._cells, self._uses, self._levels, self._free, self._sums, self._due,
-            points, done, sign, self._cells_m,
-        ):  # fmt: skip
+            self._index, self._heads, self._free, self._sums, points, done, sign, self._cells_m
+        ):
             self._grow()
 
     def _grow(self) -> None:
         """Twice as many entries."""
-        count, free = len(self._cells), int(self._free[-1])
-        self._cells, self._uses = _doubled(self._cells), _doubled(self._uses)
-        self._sums, self._due = _doubled(self._sums), _doubled(self._due)
-        self._levels, self._surfels = _doubled(self._levels), _doubled(self._surfels)
+        count, free = len(self._heads), int(self._free[-1])
+        self._heads, self._sums = _doubled(self._heads), _doubled(self._sums)
+        self._surfels = _doubled(self._surfels)
         added = np.arange(2 * count - 1, count - 1, -1)
         left, rest = self._free[:free], np.zeros(count - free)
         self._free = np.concatenate([added, left, rest, [count + free]]).astype(np.int32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.frontend.front_end import FrontEnd
-from slam.kernels.surface_map import SIDE, place_of
+from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, place_of
 from slam.kernels.surface_matching import count_on_walls
 from slam.measurements import Measurement
 from slam.se2 import SE2
@@ -225,7 +225,7 @@ def test_points_are_counted_on_walls_as_one_by_one():
     headings, counts = np.array([-0.3, 0.0, 1.1]), np.full((3, 7, 5), -1, np.int32)
     least = -0.613, -0.377
     count_on_walls(
-        surfaces._index, surfaces._cells, surfaces._sums, level, cell_m, points, *least, headings,
+        surfaces._index, surfaces._heads, surfaces._sums, level, cell_m, points, *least, headings,
         counts,
     )  # fmt: skip
     for (k, u, v), count in np.ndenumerate(counts):
@@ -303,11 +303,12 @@ def test_more_points_than_a_map_begins_with_leave_it_as_if_there_had_been_room()
         roomy._grow()
     for surfaces in (grown, roomy):
         surfaces.add(points)
-    assert len(grown._uses) < len(roomy._uses)
+    assert len(grown._heads) < len(roomy._heads)
     for surfaces in (grown, roomy):  # each point once, at each of the levels
         counts = surfaces._sums[:, :, 0].sum(axis=1)
         for level in range(3):
-            counted = counts[(surfaces._uses > 0) & (surfaces._levels == level)].sum()
+            levels = surfaces._heads[:, STATE] >> LEVEL
+            counted = counts[(surfaces._heads[:, USES] > 0) & (levels == level)].sum()
             assert counted == 2 * len(points)
     assert match_of(grown, points[:300]).T_map_base == match_of(roomy, points[:300]).T_map_base
 
