@@ -16,8 +16,11 @@ from slam.kernels.normal_equations import (
     symmetric_into,
 )
 from slam.kernels.surface_map import (
+    COLUMN,
     DIRECTION_VARIANCE,
     FIELDS,
+    HELD,
+    LEVEL,
     LEVER,
     MADE,
     MIDDLE,
@@ -25,8 +28,10 @@ from slam.kernels.surface_map import (
     NORMAL_X,
     NORMAL_Y,
     OFFSET,
+    ROW,
     SIDES,
     STATE,
+    USES,
     VARIANCE,
     entry_of,
     make_surfel,
@@ -303,9 +308,7 @@ def _divided(matrix: FloatArray, root: FloatArray) -> FloatArray:
 
 @compiled
 def count_on_walls(
-    index: NDArray[np.int32],
     heads: NDArray[np.int32],
-    sums: NDArray[np.float32],
     level: int,
     cell_m: float,
     points: FloatArray,
@@ -330,17 +333,15 @@ def count_on_walls(
     # a bit for each side that has points, of half cells: from pose to pose a point moves by one, and
     # what lies in a row is looked up many at a time
     held = np.zeros((2 * columns, 2 * rows), np.uint8)
-    for a in range(columns):
-        for b in range(rows):
-            entry = entry_of(index, heads, level, first_column + a, first_row + b)
-            if entry != NONE:
-                sides = np.uint8(0)
-                for side in range(SIDES):
-                    if sums[entry, side, 0] > 0.5:
-                        sides |= np.uint8(1 << side)
-                for u in range(2):
-                    for v in range(2):
-                        held[2 * a + u, 2 * b + v] = sides
+    for entry in range(heads.shape[0]):
+        sides = np.uint8(heads[entry, STATE] >> HELD)
+        if heads[entry, USES] <= 0 or heads[entry, STATE] >> LEVEL != level or sides == 0:
+            continue
+        a, b = heads[entry, COLUMN] - first_column, heads[entry, ROW] - first_row
+        if 0 <= a < columns and 0 <= b < rows:
+            for u in range(2):
+                for v in range(2):
+                    held[2 * a + u, 2 * b + v] = sides
     for k in range(headings.shape[0]):
         c, s = math.cos(headings[k]), math.sin(headings[k])
         for u in range(counts.shape[1]):

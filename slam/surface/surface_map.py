@@ -285,7 +285,7 @@ class SurfaceMap:
         )
         counts = np.empty((len(turns), len(x), len(y)), np.int32)
         matching.count_on_walls(
-            self._index, self._heads, self._sums, level, cell_m, points, float(x[0]), float(y[0]),
+            self._heads, level, cell_m, points, float(x[0]), float(y[0]),
             T_middle.theta + turns, counts,
         )  # fmt: skip
         found = []

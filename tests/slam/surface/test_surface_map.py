@@ -225,7 +225,7 @@ def test_points_are_counted_on_walls_as_one_by_one():
     headings, counts = np.array([-0.3, 0.0, 1.1]), np.full((3, 7, 5), -1, np.int32)
     least = -0.613, -0.377
     count_on_walls(
-        surfaces._index, surfaces._heads, surfaces._sums, level, cell_m, points, *least, headings,
+        surfaces._heads, level, cell_m, points, *least, headings,
         counts,
     )  # fmt: skip
     for (k, u, v), count in np.ndenumerate(counts):
