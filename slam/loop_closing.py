@@ -12,6 +12,7 @@ import numpy as np
 from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.contradictions import passed
 from slam.frontend.keyframes import Keyframe
+from slam.kernels.normal_equations import inverse_of
 from slam.se2 import SE2, wrap_angle
 from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, all_moved
 
@@ -149,13 +150,12 @@ class LoopCloser:
             if others is not None:
                 is_asked[: others.start] = is_asked[others.stop :] = False
             near = np.flatnonzero(is_asked)
-            # of those near by alone: all of them take longer than what follows
-            near = near[[not keyframes[k].is_place_alone for k in near.tolist()]]
             off_m = off_m[near]
             turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
             chosen: list[int] = []
             for earlier in near[np.argsort(off_m + 0.5 * turned_rad, kind="stable")].tolist():
-                if all(abs(earlier - other) > config.apart for other in chosen):
+                is_apart = all(abs(earlier - other) > config.apart for other in chosen)
+                if is_apart and not keyframes[earlier].is_place_alone:
                     chosen.append(earlier)
                 if len(chosen) == config.most:
                     break
@@ -199,11 +199,11 @@ class LoopCloser:
         if passed_ratio > config.most_passed:
             return None
         T_earlier_later = SE2.from_array(poses[earlier]).inverse() @ match.T_map_base
-        covariance = np.linalg.inv(match.information) + diagonal_of(config.sigma)
+        covariance = inverse_of(match.information) + diagonal_of(config.sigma)
         if loose_m > 0.0:
             covariance[:2, :2] += _along_open(keyframes[earlier], T_earlier_later, loose_m)
         return Loop(
-            earlier, later, T_earlier_later, np.asarray(np.linalg.inv(covariance)),
+            earlier, later, T_earlier_later, inverse_of(covariance),
             match.inlier_ratio, passed_ratio,
         )  # fmt: skip
 
@@ -234,13 +234,13 @@ class LoopCloser:
     def _matched(self, keyframe: Keyframe, T_told: SE2, reach: tuple[float, float]) -> SurfaceMatch:
         points = keyframe.faced
         starts = [T_told, *self._surfaces.searched(points, T_told, *reach)]
-        matches = [self._surfaces.match_alone(points, start) for start in starts]
-        return min(matches, key=lambda match: match.cost)
+        return self._surfaces.best_alone(points, starts)
 
     def _held(self, match: SurfaceMatch) -> float:
         """Information of the weakest direction of the position, of that of the strongest."""
-        weakest, strongest = np.linalg.eigvalsh(match.place_information)
-        return float(weakest / strongest) if strongest > 0.0 else 0.0
+        (xx, xy), (_, yy) = match.place_information.tolist()
+        middle, apart = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+        return (middle - apart) / (middle + apart) if middle + apart > 0.0 else 0.0
 
     def _passed(
         self,

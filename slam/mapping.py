@@ -131,9 +131,10 @@ class Mapper:
         T_before = self._front_end.T_map_base
         step = self._front_end.update(measurement, other)  # match with what was seen last
         self._monitor.take(measurement, T_before, step, told_m2, judged_motion.has_jumped)
-        if step.keyframe >= 0:
-            step = replace(step, keyframe=self._session.first + step.keyframe)
-        self._steps.append(replace(step, session=self._session.number))
+        if self._session.number > 0:
+            keyframe = self._session.first + step.keyframe if step.keyframe >= 0 else step.keyframe
+            step = replace(step, keyframe=keyframe, session=self._session.number)
+        self._steps.append(step)
         self._told.append(told)
         if step.is_keyframe:
             self._add_keyframe(self._front_end.keyframes[-1], step.is_open)

@@ -98,9 +98,10 @@ class KeyframeGraph:
 
     def is_crowded(self, index: int, near: tuple[float, float], most: int) -> bool:
         """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
-        off = self.poses - self.pose(index).as_array()
-        beside = np.flatnonzero(np.hypot(off[:, 0], off[:, 1]) < near[0])
-        alike = beside[np.abs(wrap_angle(off[beside, 2])) < near[1]]
+        x_m, y_m, theta = self.poses.T
+        off_m2 = (x_m - x_m[index]) ** 2 + (y_m - y_m[index]) ** 2
+        beside = np.flatnonzero(off_m2 < near[0] ** 2)
+        alike = beside[np.abs(wrap_angle(theta[beside] - theta[index])) < near[1]]
         return sum(not self.keyframes[k].is_place_alone for k in alike.tolist()) > most
 
     def take(self, loops: Sequence[Loop]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 from slam.kernels import compiled
 
 _MOST_NEIGHBOURS = 20
@@ -91,3 +91,13 @@ def moved_into(points: FloatArray, x: float, y: float, theta: float, out: FloatA
         px, py = points[i, 0], points[i, 1]
         out[i, 0], out[i, 1] = x + c * px - s * py, y + s * px + c * py
         out[i, 2] = points[i, 2] + theta
+
+
+@compiled
+def all_moved_in_place(poses: FloatArray, counts: IntArray, points: FloatArray) -> None:
+    """Moves faced points (N, 3), those of one scan after those of another, so many each, counts (K,), by
+    the scans' poses (K, 3)."""
+    end = 0
+    for k in range(counts.shape[0]):
+        begin, end = end, end + counts[k]
+        moved_into(points[begin:end], poses[k, 0], poses[k, 1], poses[k, 2], points[begin:end])

@@ -260,7 +260,7 @@ def make_surfel(
     apart = math.sqrt(0.25 * (cxx - cyy) ** 2 + cxy * cxy)
     if half + apart < (_LEAST_LENGTH * cell_m) ** 2:
         return False
-    surfel[NORMAL_X], surfel[NORMAL_Y] = _across(0.5 * (cxx - cyy), cxy, apart)
+    surfel[NORMAL_X], surfel[NORMAL_Y] = line_normal(0.5 * (cxx - cyy), cxy, apart)
     x, y = mean_x + (column + 0.5) * cell_m, mean_y + (row + 0.5) * cell_m
     surfel[OFFSET] = surfel[NORMAL_X] * x + surfel[NORMAL_Y] * y
     surfel[VARIANCE] = max(half - apart, 0.0)
@@ -271,7 +271,7 @@ def make_surfel(
 
 
 @compiled
-def _across(over: float, cxy: float, apart: float) -> tuple[float, float]:
+def line_normal(over: float, cxy: float, apart: float) -> tuple[float, float]:
     """The unit normal of a line whose angle, doubled, has cosine over / apart and sine cxy / apart; of no
     angle at all, that of one along x. By roots alone: sines take a third of the time of a surfel."""
     if apart == 0.0:

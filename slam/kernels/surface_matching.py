@@ -50,6 +50,12 @@ _ROWS = FIELDS + 5
 # how many points see a surface, fit it, and what they cost
 _PULL, _NOISE, _SEEN, _FITTING, _COST, _TOLD = 6, 9, 15, 16, 17, 18
 
+_STAYS = 1e-6
+"""Information by which a direction that nothing holds stays where it is."""
+_SAME = 0.01, 2e-3
+"""[m], [rad] from one another, two matches end in the same place. Chosen: tenfold what a match still moves by when
+it ends."""
+
 _LEAST_LEFT = 0.1
 """Share of a scan's information that is left along any direction: how much of it noise makes is itself
 known roughly. Chosen."""
@@ -66,7 +72,8 @@ def align(
     cells_m: FloatArray,
     points: FloatArray,
     variance: float,
-    share_counted: float,
+    pull: float,
+    share: float,
     finest: NDArray[np.int64],
     scales_m: FloatArray,
     pose_x: float,
@@ -79,19 +86,20 @@ def align(
     trust: float,
     max_steps: int,
     information: FloatArray,
-) -> tuple[float, float, float, float, float, float, float]:
+    joined: FloatArray,
+) -> tuple[float, float, float, float, float, float]:
     """Gauss-Newton of points (N, 3), base frame, on the surfaces, with the odometry beside them.
 
     index: of cells of cells_m (L,), coarse to fine; the others as in `put`.
-    variance: of a point across its surface [m2]; share_counted: of what points tell. finest: (S,)
+    variance: of a point across its surface [m2]; pull: share that counts of what points tell while pose and
+    odometry are weighed, share: in the end. finest: (S,)
     the finest level that stage looks at; a point takes the finest that has a surface. scales_m:
     (S,) residual, beside the noise, at which a point counts a quarter (Geman and McClure, 1987).
     pose_x, pose_y, heading: where it starts [m], [rad]. odometry: (3, 3) information
     of the predicted pose; trust: its normalised innovation squared at which it counts a quarter. Into
-    information (3, 3): of the scan alone.
+    information (3, 3): of the scan alone; into joined (3, 3): with the odometry's, as far as that counted.
 
-    Returns the pose found; how many points saw a surface, and lie on it; their cost, of those that saw one; and
-    how much the odometry counted.
+    Returns the pose found; how many points saw a surface, and lie on it; and their cost, of those that saw one.
 
     The surfaces' directions are known from noisy points: errors in variables (Fuller, 1987). Left
     alone, they tell of the place along a wall what nothing tells, and draw new points at the end
@@ -99,51 +107,159 @@ def align(
     variance makes of pull and information is taken off both; steps are taken with all of the
     information, and are the smaller for it.
     """
-    both, root, step, pose = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
+    pose, predicted, held, told = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(_TOLD)
     pose[0], pose[1], pose[2] = pose_x, pose_y, heading
-    count = points.shape[0]
-    places, seen_surfels, told = (
-        np.empty((count, 3), np.int64), np.empty((_ROWS, count)), np.empty(_TOLD),
-    )  # fmt: skip
+    predicted[0], predicted[1], predicted[2] = predicted_x, predicted_y, predicted_heading
+    for j in range(3):
+        for k in range(3):
+            held[j, k] = odometry[j, k] + (_STAYS if j == k else 0.0)
+    places, seen = np.empty((points.shape[0], 3), np.int64), np.empty((_ROWS, points.shape[0]))
+    weight = 1.0
     for stage in range(scales_m.shape[0]):
-        scale = scales_m[stage] ** 2
-        _begin(points, places, seen_surfels)
-        for _ in range(max_steps):
-            c, s = math.cos(pose[2]), math.sin(pose[2])
-            _look_up(
-                index, heads, sums, surfels, cells_m, points, finest[stage], pose, places,
-                seen_surfels,
+        weight = _descend(
+            index, heads, sums, surfels, cells_m, points, variance, pull, finest[stage],
+            scales_m[stage], predicted, held, trust, max_steps, pose, places, seen, told, information,
+        )  # fmt: skip
+    _join(told, share, weight, held, information, joined)
+    return pose[0], pose[1], pose[2], told[_SEEN], told[_FITTING], told[_COST]
+
+
+@compiled
+def align_alone(
+    index: NDArray[np.int32],
+    heads: NDArray[np.int32],
+    sums: NDArray[np.float32],
+    surfels: FloatArray,
+    cells_m: FloatArray,
+    points: FloatArray,
+    variance: float,
+    pull: float,
+    share: float,
+    finest: NDArray[np.int64],
+    scales_m: FloatArray,
+    starts: FloatArray,
+    max_steps: int,
+    information: FloatArray,
+    joined: FloatArray,
+) -> tuple[float, float, float, float, float, float]:
+    """As `align`, without odometry, the best of what is found from starts (K, 3): that of the least cost. From
+    where the last stage would begin about where it began before, it would find the same."""
+    pose, begun, told = np.empty(3), np.empty((starts.shape[0], 3)), np.empty(_TOLD)
+    best, best_told, least, count = np.empty(3), np.empty(_TOLD), math.inf, 0
+    held, found = np.zeros((3, 3)), np.empty((3, 3))
+    held[0, 0] = held[1, 1] = held[2, 2] = _STAYS
+    places, seen = np.empty((points.shape[0], 3), np.int64), np.empty((_ROWS, points.shape[0]))
+    last = scales_m.shape[0] - 1
+    for i in range(starts.shape[0]):
+        for j in range(3):
+            pose[j] = starts[i, j]
+        is_known = False
+        for stage in range(last + 1):
+            if stage == last:
+                for j in range(count):
+                    turn = pose[2] - begun[j, 2]
+                    turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+                    off_m = math.sqrt((pose[0] - begun[j, 0]) ** 2 + (pose[1] - begun[j, 1]) ** 2)
+                    is_known |= off_m < _SAME[0] and abs(turn) < _SAME[1]
+                if is_known:
+                    break
+                for j in range(3):
+                    begun[count, j] = pose[j]
+                count += 1
+            _descend(
+                index, heads, sums, surfels, cells_m, points, variance, pull, finest[stage],
+                scales_m[stage], starts[i], held, math.inf, max_steps, pose, places, seen, told, found,
             )  # fmt: skip
-            _tell(seen_surfels, c, s, variance, scale, told)
-            symmetric_into(told[0], told[1], told[2], told[3], told[4], told[5], information)
-            east, north = predicted_x - pose[0], predicted_y - pose[1]
-            ahead, aside = c * east + s * north, c * north - s * east
-            turn = predicted_heading - pose[2]
-            turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-            # what the odometry pulls with; written out, as calls for so small matrices take longer
+        cost = told[_COST] - told[_SEEN]
+        if i == 0 or (not is_known and cost < least):
+            least = cost
             for j in range(3):
-                step[j] = odometry[j, 0] * ahead + odometry[j, 1] * aside + odometry[j, 2] * turn
-            squared = ahead * step[0] + aside * step[1] + turn * step[2]
-            # wheels slip, and odometry that stood still catches up at once
-            trusted = trust / (trust + squared)
-            trusted *= trusted
-            for j in range(3):
+                best[j] = pose[j]
                 for k in range(3):
-                    both[j, k] = share_counted * information[j, k] + trusted * odometry[j, k]
-            step[0] = share_counted * told[_PULL] + trusted * step[0]
-            step[1] = share_counted * told[_PULL + 1] + trusted * step[1]
-            step[2] = share_counted * told[_PULL + 2] + trusted * step[2]
-            lower_root_into(both, LEAST_PIVOT, root)
-            solve_by_root(root, step, step)
-            pose[0] += c * step[0] - s * step[1]
-            pose[1] += s * step[0] + c * step[1]
-            pose[2] += step[2]
-            if abs(step[0]) + abs(step[1]) < 1e-3 and abs(step[2]) < 5e-4:
-                break
-    noise = told[_NOISE:]
-    symmetric_into(noise[0], noise[1], noise[2], noise[3], noise[4], noise[5], both)
-    _take_off(information, both, root)
-    return pose[0], pose[1], pose[2], told[_SEEN], told[_FITTING], told[_COST], trusted
+                    information[j, k] = found[j, k]
+            for j in range(_TOLD):
+                best_told[j] = told[j]
+    _join(best_told, share, 1.0, held, information, joined)
+    return best[0], best[1], best[2], best_told[_SEEN], best_told[_FITTING], best_told[_COST]
+
+
+@compiled
+def _descend(
+    index: NDArray[np.int32],
+    heads: NDArray[np.int32],
+    sums: NDArray[np.float32],
+    surfels: FloatArray,
+    cells_m: FloatArray,
+    points: FloatArray,
+    variance: float,
+    pull: float,
+    finest: int,
+    scale_m: float,
+    predicted: FloatArray,
+    odometry: FloatArray,
+    trust: float,
+    max_steps: int,
+    pose: FloatArray,
+    places: IntArray,
+    seen: FloatArray,
+    told: FloatArray,
+    information: FloatArray,
+) -> float:
+    """One stage of `align`: a pose (3,), in place, and what points told (_TOLD,) of it at the last step, their
+    information (3, 3) too. predicted: (3,); places and seen: as in `_look_up`. How much the odometry counted."""
+    both, root, step, weight = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), 1.0
+    _begin(points, places, seen)
+    for _ in range(max_steps):
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        _look_up(index, heads, sums, surfels, cells_m, points, finest, pose, places, seen)
+        _tell(seen, c, s, variance, scale_m * scale_m, told)
+        symmetric_into(told[0], told[1], told[2], told[3], told[4], told[5], information)
+        east, north = predicted[0] - pose[0], predicted[1] - pose[1]
+        ahead, aside = c * east + s * north, c * north - s * east
+        turn = predicted[2] - pose[2]
+        turn -= 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+        # what the odometry pulls with; written out, as calls for so small matrices take longer
+        for j in range(3):
+            step[j] = odometry[j, 0] * ahead + odometry[j, 1] * aside + odometry[j, 2] * turn
+        squared = ahead * step[0] + aside * step[1] + turn * step[2]
+        # wheels slip, and odometry that stood still catches up at once
+        weight = 1.0 / (1.0 + squared / trust)
+        weight *= weight
+        for j in range(3):
+            for k in range(3):
+                both[j, k] = pull * information[j, k] + weight * odometry[j, k]
+            step[j] = pull * told[_PULL + j] + weight * step[j]
+        lower_root_into(both, LEAST_PIVOT, root)
+        solve_by_root(root, step, step)
+        pose[0] += c * step[0] - s * step[1]
+        pose[1] += s * step[0] + c * step[1]
+        pose[2] += step[2]
+        if abs(step[0]) + abs(step[1]) < 1e-3 and abs(step[2]) < 5e-4:
+            break
+    return weight
+
+
+@compiled
+def _join(
+    told: FloatArray,
+    share: float,
+    weight: float,
+    odometry: FloatArray,
+    information: FloatArray,
+    joined: FloatArray,
+) -> None:
+    """Takes off an information (3, 3), in place, what noise makes of it, as told (_TOLD,), and all of it but a
+    share; into joined (3, 3): that and the odometry's, by a weight."""
+    noise, root = np.empty((3, 3)), np.empty((3, 3))
+    symmetric_into(
+        told[_NOISE], told[_NOISE + 1], told[_NOISE + 2], told[_NOISE + 3], told[_NOISE + 4],
+        told[_NOISE + 5], noise,
+    )  # fmt: skip
+    _take_off(information, noise, root)
+    for j in range(3):
+        for k in range(3):
+            information[j, k] *= share
+            joined[j, k] = information[j, k] + weight * odometry[j, k]
 
 
 @compiled
@@ -360,3 +476,31 @@ def count_on_walls(
                 seen = held[column + np.uint64(u)]
                 for v in range(counts.shape[2]):
                     counts[k, u, v] += (seen[row + np.uint64(v)] & asked) != 0
+
+
+@compiled
+def peaks_into(counts: NDArray[np.int32], apart: tuple[int, int, int], peaks: IntArray) -> int:
+    """Into peaks (K, 3): where counts (H, X, Y) are largest, one after the other; none within `apart` of a
+    larger one, each way, and none that counts nothing. How many there are; counts about them are lost."""
+    for found in range(peaks.shape[0]):
+        most = 0
+        for k in range(counts.shape[0]):
+            for u in range(counts.shape[1]):
+                for v in range(counts.shape[2]):
+                    if counts[k, u, v] > most:
+                        most = counts[k, u, v]
+                        peaks[found, 0], peaks[found, 1], peaks[found, 2] = k, u, v
+        if most == 0:
+            return found
+        middle = peaks[found]
+        for k in range(
+            max(middle[0] - apart[0], 0), min(middle[0] + apart[0] + 1, counts.shape[0])
+        ):
+            for u in range(
+                max(middle[1] - apart[1], 0), min(middle[1] + apart[1] + 1, counts.shape[1])
+            ):
+                for v in range(
+                    max(middle[2] - apart[2], 0), min(middle[2] + apart[2] + 1, counts.shape[2])
+                ):
+                    counts[k, u, v] = 0
+    return int(peaks.shape[0])

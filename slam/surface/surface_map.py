@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slam.arrays import FloatArray
 from slam.kernels import surface_map as kernels
 from slam.kernels import surface_matching as matching
-from slam.kernels.facings import facings_into, moved_into
+from slam.kernels.facings import all_moved_in_place, facings_into, moved_into
 from slam.kernels.normal_equations import inverse_of
 from slam.lazy import lazy
 from slam.se2 import SE2
@@ -27,9 +27,6 @@ _FIRST_ENTRIES = 1024
 _NEIGHBOURS_M = 0.2
 """Chosen: so near a point, others are on its surface; short of a wall's next corner, and long enough
 that a noise of 4 cm turns the surface by a few degrees only."""
-
-_STAYS: FloatArray = 1e-6 * np.eye(3)
-"""Information by which a direction that nothing holds stays where it is."""
 
 
 def faced(points: FloatArray, seen_from: FloatArray, *, is_lone_told: bool = True) -> FloatArray:
@@ -59,10 +56,8 @@ def moved(T: SE2, points: FloatArray) -> FloatArray:
 
 def all_moved(poses: FloatArray, scans: Sequence[FloatArray]) -> FloatArray:
     """(N, 3) the faced points of scans at poses (K, 3), one after the other."""
-    out, end = np.empty((sum(map(len, scans)), 3)), 0
-    for (x, y, theta), points in zip(poses.tolist(), scans, strict=True):
-        begin, end = end, end + len(points)
-        moved_into(points, x, y, theta, out[begin:end])
+    out = np.concatenate(scans) if scans else np.empty((0, 3))
+    all_moved_in_place(poses, np.array([len(points) for points in scans], np.int64), out)
     return out
 
 
@@ -240,24 +235,31 @@ class SurfaceMap:
         """
         config, points = self.config, self.thinned(points_base)
         pull = config.pull if pull is None else pull
-        information, held = np.empty((3, 3)), odometry + _STAYS
-        x, y, theta, seen, fitting, cost, weight = matching.align(
+        information, joined = np.empty((3, 3)), np.empty((3, 3))
+        found = matching.align(
             self._index, self._heads, self._sums, self._surfels, self._cells_m, points,
-            config.sigma_m**2, pull, *self._stages, T_start.x, T_start.y, T_start.theta,
-            T_predicted.x, T_predicted.y, T_predicted.theta, held, min(trust, 1e12),
-            config.max_steps, information,
+            config.sigma_m**2, pull, config.share, *self._stages, T_start.x, T_start.y, T_start.theta,
+            T_predicted.x, T_predicted.y, T_predicted.theta, odometry, trust, config.max_steps,
+            information, joined,
         )  # fmt: skip
-        count = max(len(points), 1)
-        information *= config.share
-        held *= weight
-        return SurfaceMatch(
-            SE2(x, y, theta), information, information + held, seen / count,
-            fitting / max(seen, 1.0), (cost + len(points) - seen) / count, pull / config.share,
-        )  # fmt: skip
+        return _match_of(len(points), found, information, joined, pull / config.share)
 
     def match_alone(self, points_base: FloatArray, T_start: SE2) -> SurfaceMatch:
         """The match of faced points (N, 3) near T_start that odometry tells nothing of."""
         return self.match(points_base, T_start, T_start, np.zeros((3, 3)))
+
+    def best_alone(self, points_base: FloatArray, starts: Sequence[SE2]) -> SurfaceMatch:
+        """The best of the matches of faced points (N, 3) near each of at least one start, that odometry tells
+        nothing of."""
+        config, points = self.config, self.thinned(points_base)
+        information, joined = np.empty((3, 3)), np.empty((3, 3))
+        found = matching.align_alone(
+            self._index, self._heads, self._sums, self._surfels, self._cells_m, points,
+            config.sigma_m**2, config.pull, config.share, *self._stages,
+            np.array([(start.x, start.y, start.theta) for start in starts]), config.max_steps,
+            information, joined,
+        )  # fmt: skip
+        return _match_of(len(points), found, information, joined, config.pull / config.share)
 
     def searched(
         self,
@@ -288,15 +290,13 @@ class SurfaceMap:
             self._heads, level, cell_m, points, float(x[0]), float(y[0]),
             T_middle.theta + turns, counts,
         )  # fmt: skip
-        found = []
-        for _ in range(most):
-            k, u, v = np.unravel_index(int(counts.argmax()), counts.shape)
-            if counts[k, u, v] <= 0:
-                break
-            found.append(SE2(float(x[u]), float(y[v]), T_middle.theta + float(turns[k])))
-            # one and a half cells, and eight degrees, to either side
-            counts[max(k - 4, 0) : k + 5, max(u - 3, 0) : u + 4, max(v - 3, 0) : v + 4] = 0
-        return found
+        peaks = np.empty((most, 3), np.int64)
+        # one and a half cells, and eight degrees, to either side
+        count = matching.peaks_into(counts, (4, 3, 3), peaks)
+        return [
+            SE2(float(x[u]), float(y[v]), T_middle.theta + float(turns[k]))
+            for k, u, v in peaks[:count].tolist()
+        ]
 
     def thinned(self, points: FloatArray, most: int | None = None) -> FloatArray:
         """At most so many of points (N, ...), evenly in their order."""
@@ -319,6 +319,22 @@ class SurfaceMap:
         added = np.arange(2 * count - 1, count - 1, -1)
         left, rest = self._free[:free], np.zeros(count - free)
         self._free = np.concatenate([added, left, rest, [count + free]]).astype(np.int32)
+
+
+def _match_of(
+    count: int,
+    found: tuple[float, float, float, float, float, float],
+    information: FloatArray,
+    joined: FloatArray,
+    gain: float,
+) -> SurfaceMatch:
+    """The match of so many points, as `align` found it."""
+    x, y, theta, seen, fitting, cost = found
+    most = max(count, 1)
+    return SurfaceMatch(
+        SE2(x, y, theta), information, joined, seen / most, fitting / max(seen, 1.0),
+        (cost + count - seen) / most, gain,
+    )  # fmt: skip
 
 
 def _doubled(array: np.ndarray) -> np.ndarray:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from slam.frontend.front_end import FrontEnd
-from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, place_of
-from slam.kernels.surface_matching import count_on_walls
+from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, line_normal, place_of
+from slam.kernels.surface_matching import count_on_walls, peaks_into
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, all_moved, faced, moved
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, all_moved, faced, moved
 from tests.slam.synthetic import box, room, scan_of
 
 WALL_M = 0.12
@@ -33,6 +33,20 @@ def match_of(surfaces: SurfaceMap, points: np.ndarray):
 def test_a_wall_faces_the_laser():
     assert np.allclose(seen(wall(2.0), (0.0, 2.0))[:, 2] % math.tau, math.pi, atol=1e-6)
     assert np.allclose(seen(wall(2.0), (4.0, 2.0))[:, 2], 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("turned", [*np.linspace(-3.0, 3.0, 13), 0.5 * math.pi, math.pi])
+def test_a_wall_faces_the_laser_whichever_way_it_runs(turned):
+    c, s = math.cos(turned), math.sin(turned)
+    points = wall(2.0) @ np.array([[c, s], [-s, c]])
+    for side in (1.0, -1.0):
+        laser = (2.0 - side) * np.array([c, s]) + 2.0 * np.array([-s, c])
+        facing = faced(points, laser)[:, 2]
+        assert (np.abs(facing) <= math.pi).all()
+        towards = np.column_stack([np.cos(facing), np.sin(facing)])
+        np.testing.assert_allclose(
+            towards, np.tile([-side * c, -side * s], (len(points), 1)), atol=1e-6
+        )
 
 
 def test_a_lone_point_faces_the_laser():
@@ -317,3 +331,90 @@ def test_an_empty_map_is_all_zeros():
     # memory is so anyhow until somebody writes to it: people are asked for with a map of their own, and
     # to fill 12 MB with anything else took longer than to ask
     assert not SurfaceMap()._index.any()
+
+
+@pytest.mark.parametrize(
+    ("over", "cxy"),
+    [
+        (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1e-9), (-1.0, 1e-9), (-1.0, -1e-9),
+        *np.random.default_rng(1).normal(size=(20, 2)).tolist(),
+    ],
+)  # fmt: skip
+def test_the_normal_of_a_line_is_across_where_its_points_spread_most(over, cxy):
+    normal = np.array(line_normal(over, cxy, math.hypot(over, cxy)))
+    along = np.linalg.eigh(np.array([[over, cxy], [cxy, -over]]))[1][:, 1]
+    assert normal @ normal == pytest.approx(1.0)
+    assert normal @ along == pytest.approx(0.0, abs=1e-12)
+
+
+def test_points_that_spread_alike_each_way_have_a_normal_all_the_same():
+    assert line_normal(0.0, 0.0, 0.0) == (0.0, 1.0)
+
+
+def test_the_best_of_several_starts_is_that_of_the_least_cost():
+    surfaces, middle = SurfaceMap(), np.zeros(2)
+    walls = np.concatenate([room(-4.0, -3.0, 4.0, 3.0), box(1.0, 1.0, 2.0, 1.5)])
+    surfaces.add(faced(scan_of(walls, SE2.identity()).points(SE2.identity()), middle))
+    points = faced(scan_of(walls, SE2(0.1, 0.05, 0.02)).points(SE2.identity()), middle)
+    # the second ends where the first one did, and is not followed to the end; the others end elsewhere
+    starts = [SE2(0.1, 0.0, 0.0), SE2(0.12, 0.02, 0.01), SE2(-0.1, 0.0, 3.1), SE2(1.5, 0.0, 1.6)]
+    each = [surfaces.match_alone(points, start) for start in starts]
+    assert each[1].T_map_base.is_near(each[0].T_map_base, 1e-3, 1e-3)
+    assert each[0].cost < min(each[2].cost, each[3].cost) - 0.01
+    for order, first in (([0, 1, 2, 3], 0), ([3, 1, 2, 0], 1), ([3], 3)):
+        best, least = surfaces.best_alone(points, [starts[k] for k in order]), each[first]
+        assert best.T_map_base == least.T_map_base
+        assert (best.cost, best.seen_ratio, best.inlier_ratio) == (
+            least.cost, least.seen_ratio, least.inlier_ratio,
+        )  # fmt: skip
+        np.testing.assert_array_equal(best.information, least.information)
+        np.testing.assert_array_equal(best.joined, least.joined)
+
+
+def test_points_are_looked_up_again_where_a_step_takes_them_elsewhere():
+    around = np.linspace(-math.pi, math.pi, 400)
+    ring = faced(2.0 * np.column_stack([np.cos(around), np.sin(around)]) + [0.5, 0.0], np.zeros(2))
+    corner = faced(
+        scan_of(room(-3.0, -4.0, 5.0, 4.0), SE2.identity()).points(SE2.identity()), np.zeros(2)
+    )
+    for points in (ring, corner):
+        one, ten = (
+            SurfaceMap(SurfaceMapConfig(finest=(2,), scales_m=(0.3,), max_steps=steps))
+            for steps in (1, 10)
+        )
+        T = start = SE2(0.31, -0.23, 0.08)
+        for surfaces in (one, ten):
+            surfaces.add(points)
+        for _ in range(10):
+            before, T = T, one.match_alone(points, T).T_map_base
+            if T.is_near(before, 7e-4, 5e-4):
+                break
+        assert not T.is_near(start, 0.2, 10.0)
+        assert ten.match_alone(points, start).T_map_base.is_near(T, 1e-5, 1e-5)
+
+
+def test_of_a_cell_that_holds_other_points_still_a_side_is_gone_with_its_own():
+    surfaces = SurfaceMap()
+    near, far = seen(wall(2.0), (0.0, 2.0)), seen(wall(2.0 + WALL_M), (4.0, 2.0))
+    surfaces.add(near)
+    surfaces.add(far)
+    surfaces.remove(near)
+    assert surfaces.searched(near, SE2.identity(), 0.1, 0.1) == []
+    assert len(surfaces.searched(far, SE2.identity(), 0.1, 0.1)) > 0
+
+
+def test_peaks_are_the_largest_and_lie_apart():
+    counts = np.random.default_rng(9).integers(0, 60, (9, 12, 15)).astype(np.int32)
+    left, expected = counts.copy(), []
+    for _ in range(5):
+        k, u, v = (int(i) for i in np.unravel_index(left.argmax(), left.shape))
+        expected.append([k, u, v])
+        left[max(k - 4, 0) : k + 5, max(u - 3, 0) : u + 4, max(v - 2, 0) : v + 3] = 0
+    peaks = np.empty((5, 3), np.int64)
+    assert peaks_into(counts.copy(), (4, 3, 2), peaks) == 5
+    assert peaks.tolist() == expected
+    assert peaks_into(np.zeros_like(counts), (4, 3, 2), peaks) == 0
+    alone = np.zeros_like(counts)
+    alone[8, 0, 14] = 1
+    assert peaks_into(alone, (4, 3, 2), peaks) == 1
+    assert peaks[0].tolist() == [8, 0, 14]
