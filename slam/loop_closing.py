@@ -140,7 +140,7 @@ class LoopCloser:
             ways_m[start - 1 : start] += config.least_way_m
         way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
         radius_m = config.radius_m + np.minimum(2.0 * sigma_m, config.max_search_m)
-        pairs = []
+        pairs: list[tuple[int, int]] = []
         for later in asked:
             if keyframes[later].is_place_alone:
                 continue
@@ -152,14 +152,15 @@ class LoopCloser:
             near = np.flatnonzero(is_asked)
             off_m = off_m[near]
             turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
-            chosen: list[int] = []
-            for earlier in near[np.argsort(off_m + 0.5 * turned_rad, kind="stable")].tolist():
-                is_apart = all(abs(earlier - other) > config.apart for other in chosen)
-                if is_apart and not keyframes[earlier].is_place_alone:
-                    chosen.append(earlier)
-                if len(chosen) == config.most:
+            rest = near[np.argsort(off_m + 0.5 * turned_rad, kind="stable")]
+            for _ in range(config.most):
+                seen = (at for at, k in enumerate(rest.tolist()) if not keyframes[k].is_place_alone)
+                if (at := next(seen, None)) is None:
                     break
-            pairs += [(earlier, later) for earlier in chosen]
+                earlier = int(rest[at])
+                pairs.append((earlier, later))
+                rest = rest[at + 1 :]
+                rest = rest[np.abs(rest - earlier) > config.apart]
         return pairs
 
     def verified(

@@ -1,5 +1,6 @@
 """Loops are told by what was seen before, and not by the scan that closes them."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -59,3 +60,32 @@ def test_loops_do_not_span_a_doubted_step_but_ties_do():
     tie = Loop(18, 21, *way, is_tie=True)
     kept_ones = LoopCloser().undoubted(keyframes, [*loops, tie], {20})
     assert kept_ones == [loops[0], loops[4], tie]
+
+
+def test_those_proposed_are_the_nearest_with_a_scan_each_from_another_time():
+    # five rounds of one place, 30 keyframes each, and of the nearest ones some keep no more than their place
+    rounds = [
+        [math.cos(a), math.sin(a), 0.0] for a in np.linspace(0.0, math.tau, 30, endpoint=False)
+    ]
+    poses = np.array(
+        [[(1.0 + 0.1 * k) * x, (1.0 + 0.1 * k) * y, a] for k in range(5) for x, y, a in rounds]
+    )
+    keyframe = kept(WALLS, SE2.identity(), np.random.default_rng(6))
+    keyframes = [keyframe] * 149 + [replace(keyframe, time_s=1.0)]
+    for k in (90, 91, 119, 60):
+        keyframes[k] = keyframe.place_alone()
+    closer, later = LoopCloser(), 149
+    pairs = closer.proposed(keyframes, poses, [later], np.zeros(150))
+    way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    expected: list[int] = []
+    for k in np.argsort(
+        np.hypot(*(poses[:later, :2] - poses[later, :2]).T), kind="stable"
+    ).tolist():
+        is_far_back = way_m[later] - way_m[k] > closer.config.least_way_m
+        is_apart = all(abs(k - other) > closer.config.apart for other in expected)
+        if is_far_back and is_apart and not keyframes[k].is_place_alone:
+            expected.append(k)
+    assert len(expected) > closer.config.most
+    assert pairs == [(k, later) for k in expected[: closer.config.most]]
+    keyframes[later] = keyframe.place_alone()
+    assert closer.proposed(keyframes, poses, [later], np.zeros(150)) == []
