@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from slam.arrays import FloatArray
 from slam.kernels import surface_map as kernels
 from slam.kernels import surface_matching as matching
+from slam.kernels import surface_search as search
 from slam.kernels.facings import all_moved_in_place, facings_into, moved_into
 from slam.kernels.normal_equations import inverse_of
 from slam.lazy import lazy
@@ -286,13 +287,13 @@ class SurfaceMap:
             -math.ceil(reach_rad / np.radians(2.0)), math.ceil(reach_rad / np.radians(2.0)) + 1
         )
         counts = np.empty((len(turns), len(x), len(y)), np.int32)
-        matching.count_on_walls(
+        search.count_on_walls(
             self._heads, level, cell_m, points, float(x[0]), float(y[0]),
             T_middle.theta + turns, counts,
         )  # fmt: skip
         peaks = np.empty((most, 3), np.int64)
         # one and a half cells, and eight degrees, to either side
-        count = matching.peaks_into(counts, (4, 3, 3), peaks)
+        count = search.peaks_into(counts, (4, 3, 3), peaks)
         return [
             SE2(float(x[u]), float(y[v]), T_middle.theta + float(turns[k]))
             for k, u, v in peaks[:count].tolist()

@@ -7,7 +7,7 @@ import pytest
 
 from slam.frontend.front_end import FrontEnd
 from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, line_normal, place_of
-from slam.kernels.surface_matching import count_on_walls, peaks_into
+from slam.kernels.surface_search import count_on_walls, peaks_into
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, all_moved, faced, moved
