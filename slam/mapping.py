@@ -131,7 +131,7 @@ class Mapper:
         T_before = self._front_end.T_map_base
         step = self._front_end.update(measurement, other)  # match with what was seen last
         self._monitor.take(measurement, T_before, step, told_m2, judged_motion.has_jumped)
-        if self._session.number > 0:
+        if self._session.first > 0 or self._session.number > 0:
             keyframe = self._session.first + step.keyframe if step.keyframe >= 0 else step.keyframe
             step = replace(step, keyframe=keyframe, session=self._session.number)
         self._steps.append(step)

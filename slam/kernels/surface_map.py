@@ -34,7 +34,7 @@ _LEAST_LENGTH = 0.15
 
 # what `heads` (E, HEAD) hold: the cell of the plane that an entry stands for, by how many points it is used,
 # and its STATE: a bit for each of the SIDES whose surfel has to be made anew, from MADE on for each that has one, from
-# HELD on for each that has points in the cell itself, and from LEVEL on its level. All in one line of the cache: a
+# HELD on for each that points were put into since the cell was taken up, and from LEVEL on its level. All in one line of the cache: a
 # point asks for no other before its surfel
 COLUMN, ROW, USES, STATE = 0, 1, 2, 3
 HEAD = 4
@@ -199,10 +199,6 @@ def _put_level(
                     sums[middle, side, 3] += sign * x * x
                     sums[middle, side, 4] += sign * x * y
                     sums[middle, side, 5] += sign * y * y
-            if sign < 0:
-                for side in range(SIDES):
-                    if asked >> side & 1 and sums[middle, side, 0] < 0.5:
-                        heads[middle, STATE] &= ~(1 << HELD + side)
         i = end
     return i
 
@@ -245,6 +241,8 @@ def make_surfel(
             ):
                 continue
             m, x, y = sums[entry, side, 0], u * cell_m, v * cell_m
+            if m < 0.5:  # all of them were taken out
+                continue
             held_x, held_y = sums[entry, side, 1], sums[entry, side, 2]
             n += m
             sx += held_x + m * x

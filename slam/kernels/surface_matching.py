@@ -48,8 +48,8 @@ _PULL, _NOISE, _SEEN, _FITTING, _COST, _TOLD = 6, 9, 15, 16, 17, 18
 _STAYS = 1e-6
 """Information by which a direction that nothing holds stays where it is."""
 _SAME = 0.01, 2e-3
-"""[m], [rad] from one another, two matches end in the same place. Chosen: tenfold what a match still moves by when
-it ends."""
+"""[m], [rad] from one another, two matches are in the same place. Chosen: ten times, and four times, what one may
+move by at its last step."""
 
 _LEAST_LEFT = 0.1
 """Share of a scan's information that is left along any direction: how much of it noise makes is itself
@@ -264,7 +264,7 @@ def _begin(points: FloatArray, places: IntArray, seen: FloatArray) -> None:
         places[i, 2] = -1
         for k in range(_ROWS):
             seen[k, i] = 0.0
-        seen[LEVER, i] = 1.0  # what is divided by is no zero
+        seen[LEVER, i] = seen[VARIANCE, i] = 1.0  # what is divided by is no zero
         if not math.isnan(points[i, 2]):
             seen[_X_BASE, i], seen[_Y_BASE, i] = points[i, 0], points[i, 1]
 

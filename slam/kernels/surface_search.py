@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from slam.arrays import FloatArray, IntArray
 from slam.kernels import compiled
-from slam.kernels.surface_map import COLUMN, HELD, LEVEL, ROW, STATE, USES, sides_of
+from slam.kernels.surface_map import COLUMN, HELD, LEVEL, ROW, SIDES, STATE, USES, sides_of
 
 
 @compiled
 def count_on_walls(
     heads: NDArray[np.int32],
+    sums: NDArray[np.float32],
     level: int,
     cell_m: float,
     points: FloatArray,
@@ -45,6 +46,9 @@ def count_on_walls(
             continue
         a, b = heads[entry, COLUMN] - first_column, heads[entry, ROW] - first_row
         if 0 <= a < columns and 0 <= b < rows:
+            for side in range(SIDES):
+                if sums[entry, side, 0] < 0.5:
+                    sides &= ~np.uint8(1 << side)
             for u in range(2):
                 for v in range(2):
                     held[2 * a + u, 2 * b + v] = sides

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,8 @@ def moved(T: SE2, points: FloatArray) -> FloatArray:
 
 def all_moved(poses: FloatArray, scans: Sequence[FloatArray]) -> FloatArray:
     """(N, 3) the faced points of scans at poses (K, 3), one after the other."""
+    if len(poses) != len(scans):
+        raise ValueError(f"each scan is moved by a pose of its own: {len(scans)}, not {len(poses)}")
     out = np.concatenate(scans) if scans else np.empty((0, 3))
     all_moved_in_place(poses, np.array([len(points) for points in scans], np.int64), out)
     return out
@@ -70,7 +73,8 @@ _FARTHEST_SEARCHED_M = 100.0
 class SurfaceMapConfig:
     """How a `SurfaceMap` learns and matches.
 
-    cells_m: sides of its cells, coarse to fine; a surface is what a cell and its neighbours hold.
+    cells_m: sides of its cells, coarse to fine, each a whole multiple of the next (ValueError): who stays in a
+    fine cell stays in the coarse one; a surface is what a cell and its neighbours hold.
     scales_m, finest: stage by stage, the residual [m] at which a point counts a quarter, and the
     finest cells looked at. sigma_m: of a point across its surface; chosen: noise of the usual laser
     and what a straight piece leaves of a real wall. share: of a scan's information that counts: its
@@ -86,6 +90,14 @@ class SurfaceMapConfig:
     pull: float = 0.4
     max_points: int = 720
     max_steps: int = 10
+
+    def __post_init__(self) -> None:
+        shares = [one / other for one, other in pairwise(self.cells_m)]
+        if any(round(share) < 1 or abs(share - round(share)) > 1e-9 for share in shares):
+            raise ValueError(
+                "cells_m must go from coarse to fine, each side a whole multiple of the next [m], not"
+                f" {self.cells_m}"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +300,7 @@ class SurfaceMap:
         )
         counts = np.empty((len(turns), len(x), len(y)), np.int32)
         search.count_on_walls(
-            self._heads, level, cell_m, points, float(x[0]), float(y[0]),
+            self._heads, self._sums, level, cell_m, points, float(x[0]), float(y[0]),
             T_middle.theta + turns, counts,
         )  # fmt: skip
         peaks = np.empty((most, 3), np.int64)

@@ -297,6 +297,16 @@ def test_what_a_drive_said_against_its_map_is_not_forgotten_in_the_next(first):
     assert not again.verdict.is_good
 
 
+def test_scans_are_seen_from_keyframes_of_their_own_session_whatever_was_kept_of_those_before(
+    first,
+):
+    true, count = FIRST[0].inverse() @ SECOND[0], len(first.keyframes)
+    mapper = Mapper.continued(replace(first, steps=()), ring.T_BASE_LASER, true)
+    for measurement in ring.drive(SECOND[:6], np.random.default_rng(1)):
+        mapper.update(measurement)
+    assert min(step.keyframe for step in mapper._steps) == count
+
+
 def test_a_session_without_a_scan_that_sees_is_continued():
     empty = Mapper(ring.T_BASE_LASER).finish()
     slam_map = Mapper.continued(empty, ring.T_BASE_LASER).finish()

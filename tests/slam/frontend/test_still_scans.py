@@ -131,3 +131,14 @@ def test_poses_that_are_no_more_what_they_were_are_forgotten():
     assert still.place(beams(RANGES_M), at(0.0), 0.5) is None
     still.take(beams(RANGES_M), at(5.0))
     assert still.place(beams(RANGES_M), at(5.0), 0.5) == at(5.0)
+
+
+def test_the_last_scans_are_kept_in_their_order_however_many_there_were():
+    still = StillScans()
+    for k in range(100):
+        still.take(beams(other(k)), at(0.1 * k))
+        for back in (0, 7, 15, 16):
+            place = (
+                None if k < back else still.place(beams(other(k - back)), at(0.1 * (k - back)), 9.0)
+            )
+            assert place == (None if k < back or back == 16 else at(0.1 * (k - back)))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slam.frontend.front_end import FrontEnd
+from slam.kernels import surface_matching as matching
 from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, line_normal, place_of
 from slam.kernels.surface_search import count_on_walls, peaks_into
 from slam.measurements import Measurement
@@ -239,7 +240,7 @@ def test_points_are_counted_on_walls_as_one_by_one():
     headings, counts = np.array([-0.3, 0.0, 1.1]), np.full((3, 7, 5), -1, np.int32)
     least = -0.613, -0.377
     count_on_walls(
-        surfaces._heads, level, cell_m, points, *least, headings,
+        surfaces._heads, surfaces._sums, level, cell_m, points, *least, headings,
         counts,
     )  # fmt: skip
     for (k, u, v), count in np.ndenumerate(counts):
@@ -401,6 +402,120 @@ def test_of_a_cell_that_holds_other_points_still_a_side_is_gone_with_its_own():
     surfaces.remove(near)
     assert surfaces.searched(near, SE2.identity(), 0.1, 0.1) == []
     assert len(surfaces.searched(far, SE2.identity(), 0.1, 0.1)) > 0
+
+
+def points_at(x_m: float, count: int) -> np.ndarray:
+    """Faced points one beside the other in a cell."""
+    return np.column_stack(
+        [x_m + np.linspace(0.01, 0.09, count), np.full(count, 0.05), np.full(count, 0.1)]
+    )
+
+
+HELD = 1e9 * np.eye(3)
+"""Information of odometry that no scan moves."""
+
+
+def test_each_stage_looks_up_all_points_anew():
+    # a piece beside the origin, whose cell there is the first one both of the fine and of the coarse level; the
+    # coarse one holds another piece aside as well
+    both, fine = (
+        SurfaceMap(SurfaceMapConfig(finest=finest, scales_m=scales_m))
+        for finest, scales_m in (((1, 2), (0.3, 0.0)), ((2,), (0.0,)))
+    )
+    piece, start = points_at(0.0, 9), SE2.identity()
+    for surfaces in (both, fine):
+        surfaces.add(piece)
+        surfaces.add(piece + np.array([0.25, 0.25, 0.0]))
+    at_once, alone = (one.match(piece, start, start, HELD) for one in (both, fine))
+    assert alone.cost < 0.01
+    assert at_once.cost == pytest.approx(alone.cost, abs=1e-6)
+
+
+def test_a_point_that_turns_sees_what_faces_it_then():
+    # a corner within a cell, about the middle of which a scan of it is turned: it ends along the one wall alone, and
+    # nothing says where along that
+    along = np.linspace(0.05, 0.35, 40)
+    corner = np.concatenate(
+        [
+            np.column_stack([along, np.full(40, 0.05), np.full(40, 0.5 * math.pi)]),
+            np.column_stack([np.full(40, 0.35), along, np.full(40, math.pi)]),
+        ]
+    )
+    one, ten = (
+        SurfaceMap(SurfaceMapConfig(finest=(1,), scales_m=(0.3,), max_steps=steps))
+        for steps in (1, 10)
+    )
+    c, s = math.cos(1.0), math.sin(1.0)
+    T = start = SE2(0.2 - c * 0.2 + s * 0.2, 0.2 - s * 0.2 - c * 0.2, 1.0)
+    for surfaces in (one, ten):
+        surfaces.add(corner)
+    for _ in range(10):
+        before, T = T, one.match_alone(corner, T).T_map_base
+        if T.is_near(before, 7e-4, 5e-4):
+            break
+    assert ten.match_alone(corner, start).T_map_base.theta == pytest.approx(T.theta, abs=1e-3)
+
+
+def test_points_taken_out_and_put_in_again_count_as_before_where_others_had_their_cell():
+    # 1024 cells on, a point has the same place on the torus
+    surfaces, first = SurfaceMap(), points_at(0.0, 5)
+    for points in (first, points_at(102.4, 2), points_at(0.0, 3), points_at(0.1, 9)):
+        surfaces.add(points)
+    entry = surfaces._index[2, place_of(0, 0)]
+    before = surfaces._sums[entry, 0].copy()
+    surfaces.remove(first)
+    surfaces.add(first)
+    np.testing.assert_allclose(surfaces._sums[entry, 0], before, atol=1e-6)
+
+
+def test_a_surface_is_made_of_no_points_a_turn_of_the_torus_away():
+    tall = np.linspace(0.0, 3.0, 200)
+
+    def wall_in(column: int) -> np.ndarray:
+        return faced(
+            np.column_stack([np.full(200, 0.1 * column + 0.05), tall]), np.array([-2.0, 1.5])
+        )
+
+    alone, both = SurfaceMap(), SurfaceMap()
+    both.add(wall_in(11 + 1024))
+    for surfaces in (alone, both):
+        surfaces.add(wall_in(9))
+    points = wall_in(10)
+    start = SE2.identity()
+    same, other = (one.match(points, start, start, HELD) for one in (alone, both))
+    assert same.cost == other.cost
+    np.testing.assert_array_equal(same.information, other.information)
+
+
+def test_starts_in_the_same_place_are_those_that_are_no_farther_apart_than_a_match_still_moves():
+    assert 1e-3 < matching._SAME[0] <= 0.01
+    assert 5e-4 < matching._SAME[1] <= 0.002
+
+
+def test_points_that_see_nothing_say_nothing_of_a_scan_without_noise():
+    points = seen(wall(2.0), (0.0, 2.0))
+    exact = SurfaceMap(SurfaceMapConfig(sigma_m=0.0))
+    exact.add(
+        points
+        + np.column_stack([np.random.default_rng(2).normal(0.0, 0.01, (151, 2)), np.zeros(151)])
+    )
+    both = np.vstack([points, [[50.0, 50.0, 0.0]]])
+    match = exact.match_alone(both, SE2(0.03, 0.0, 0.01))
+    assert np.isfinite(match.T_map_base.as_array()).all()
+
+
+def test_cells_that_do_not_lie_in_each_other_are_refused():
+    with pytest.raises(ValueError, match="whole multiple"):
+        SurfaceMapConfig(cells_m=(1.0, 0.3))
+    with pytest.raises(ValueError, match="coarse to fine"):
+        SurfaceMapConfig(cells_m=(0.1, 0.4))
+    assert SurfaceMapConfig(cells_m=(0.9, 0.3)).cells_m == (0.9, 0.3)
+
+
+def test_as_many_scans_are_moved_as_there_are_poses():
+    scan = seen(wall(2.0), (0.0, 2.0))
+    with pytest.raises(ValueError, match="pose of its own"):
+        all_moved(np.zeros((1, 3)), [scan, scan])
 
 
 def test_peaks_are_the_largest_and_lie_apart():
