@@ -33,9 +33,9 @@ _LEAST_LENGTH = 0.15
 """Of a cell's side: shorter than that along its longer axis, a cluster has no direction."""
 
 # what `heads` (E, HEAD) hold: the cell of the plane that an entry stands for, by how many points it is used,
-# and its STATE: a bit for each of the SIDES whose surfel has to be made anew, from MADE on for each that has one, from
-# HELD on for each that points were put into since the cell was taken up, and from LEVEL on its level. All in one line of the cache: a
-# point asks for no other before its surfel
+# and its STATE: a bit for each of the SIDES whose surfel has to be made anew, from MADE on for each that has one,
+# from HELD on for each that points were put into since the cell was taken up, and from LEVEL on its level. All in
+# one line of the cache: a point asks for no other before its surfel
 COLUMN, ROW, USES, STATE = 0, 1, 2, 3
 HEAD = 4
 MADE, HELD, LEVEL = SIDES, 2 * SIDES, 3 * SIDES

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from slam.frontend.front_end import FrontEnd
-from slam.kernels import surface_matching as matching
 from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, line_normal, place_of
 from slam.kernels.surface_search import count_on_walls, peaks_into
 from slam.measurements import Measurement
@@ -487,9 +486,16 @@ def test_a_surface_is_made_of_no_points_a_turn_of_the_torus_away():
     np.testing.assert_array_equal(same.information, other.information)
 
 
-def test_starts_in_the_same_place_are_those_that_are_no_farther_apart_than_a_match_still_moves():
-    assert 1e-3 < matching._SAME[0] <= 0.01
-    assert 5e-4 < matching._SAME[1] <= 0.002
+def test_starts_that_lead_to_the_next_of_a_row_are_followed_too():
+    row = [box(x, 0.7, x + 0.3, 1.0) for x in np.arange(-4.5, 4.6, 0.9)]
+    corridor = np.concatenate([room(-30.0, -1.0, 30.0, 1.0), *row])
+    points = faced(scan_of(corridor, SE2.identity()).points(SE2.identity()), np.zeros(2))
+    surfaces = SurfaceMap()
+    surfaces.add(points)
+    beside, here = SE2(0.9, 0.0, 0.0), SE2(0.02, 0.0, 0.0)
+    assert surfaces.match_alone(points, beside).T_map_base.is_near(beside, 0.01, 0.01)
+    best = surfaces.best_alone(points, [beside, here])
+    assert best.T_map_base.is_near(SE2.identity(), 0.01, 0.01)
 
 
 def test_points_that_see_nothing_say_nothing_of_a_scan_without_noise():
