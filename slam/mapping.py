@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -39,6 +39,7 @@ from slam.map_checks.weak_steps import WeakSteps
 from slam.map_checks.wheels_borne_out import believe_where_borne_out, shown_noise, told_to_keyframes
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
+from slam.records import record
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of, points_seen
 
@@ -47,7 +48,7 @@ _DOUBTED = np.eye(3)
 to the next."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class MapperStep:
     """One scan, placed: the pose on the map as it is so far, and how it was found.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import faced
 from slam.surface.views import Glance
@@ -75,7 +76,7 @@ def as_sure_as_before(
     return found
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class FrontEndStep:
     """Where a scan was placed: as seen from the keyframe of that index (-1: the origin of its
     session, if that has none); and how well it fits. T_map_base: as in `Keyframe`. is_open: the scan

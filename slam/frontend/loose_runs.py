@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.kernels.normal_equations import inverse_of
+from slam.records import record
 from slam.se2 import SE2
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class LooseScan:
     """A scan placed by the wheels, or by them along what it leaves open; covariance: (3, 3) of its
     pose. T_next, next_covariance: of the scan after it, by the wheels from there; trust: of its

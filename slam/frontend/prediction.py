@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from slam.arrays import FloatArray
 from slam.frontend.front_end_config import GUESS_M
@@ -10,6 +10,7 @@ from slam.frontend.strays import apart_m
 from slam.kernels.normal_equations import inverse_of, squared_innovation
 from slam.lazy import lazy
 from slam.odometry import place_sigma_m
+from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMatch
 
@@ -21,7 +22,7 @@ _TURNS_RAD = 0.05
 """That a scan may show of a robot that stands. Chosen."""
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class Prediction:
     """Where the wheels lead from the last scan's pose, and the covariance (3, 3) of that.
 

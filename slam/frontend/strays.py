@@ -20,6 +20,7 @@ from slam.frontend.witnesses import Witnesses
 from slam.loop_closing import Loop
 from slam.measurements import Measurement
 from slam.odometry import compose_covariance
+from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
 
@@ -56,7 +57,7 @@ class StrayConfig:
     standing: float = 0.75
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ToldStep:
     """How far the wheels went since the last keyframe, or scan, and the covariance (3, 3) of that."""
 

@@ -11,6 +11,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.kernels import wheel_scale as kernels
 from slam.kernels.normal_equations import LEAST_PIVOT
+from slam.records import record
 from slam.running_median import RunningMedian
 from slam.se2 import SE2
 
@@ -54,7 +55,7 @@ class WheelScaleConfig:
     most_late: float = 0.02
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class ScaledStep:
     """How a step depends on the scale: it was `scale` then, and with another the robot's place moves
     by slope (3,) [m, m, rad] for each unit of it, in the frame at the end of the step."""
