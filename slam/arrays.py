@@ -20,12 +20,12 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
 
     Raises ValueError when the shape is another one.
     """
-    is_frozen = (
-        isinstance(values, np.ndarray)
-        and values.dtype == np.float64
-        and values.flags.owndata
-        and not values.flags.writeable
-    )
+    is_frozen = False
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        flags = values.flags
+        is_frozen = flags.owndata and not flags.writeable
+        if is_frozen and values.shape == shape:
+            return values
     array = np.array(values, dtype=np.float64, copy=not is_frozen)
     fits = array.shape == shape or (
         array.ndim == len(shape)

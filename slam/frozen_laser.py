@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections import deque
+import numpy as np
 
-from slam.kernels.beam_points import has_finite
+from slam.arrays import FloatArray, IntArray
+from slam.kernels.beam_points import note_ranges
 from slam.measurements import LaserScan
 
 _MOST = 4
 """Chosen: a driver's ring of buffers is seldom longer."""
+_SAME_BEAMS = 0.9
+"""Chosen: of the beams of two scans, those with a range in both; each of these must be the same."""
 
 
 class FrozenLaser:
@@ -18,13 +21,20 @@ class FrozenLaser:
     """
 
     def __init__(self) -> None:
-        self._kept: deque[LaserScan] = deque(maxlen=_MOST)
+        self._noted: FloatArray = np.empty((_MOST, 0))
+        self._lengths: IntArray = np.zeros(_MOST, np.int64)
+        self._next = 0
 
     def repeats(self, scan: LaserScan) -> bool:
-        """Whether a scan is one of the last ones: see `LaserScan.repeats`. Else it is from now on."""
-        for kept in self._kept:
-            if scan.repeats(kept):
-                return True
-        if has_finite(scan.ranges_m):
-            self._kept.append(scan)
+        """Whether a scan is one of the last ones, its ranges bit for bit, but for a few beams that came back in
+        one of both alone. Else it is from now on."""
+        ranges_m = scan.ranges_m
+        if len(ranges_m) > self._noted.shape[1]:
+            wider = np.empty((_MOST, len(ranges_m)))
+            wider[:, : self._noted.shape[1]] = self._noted
+            self._noted = wider
+        row = note_ranges(self._noted, self._lengths, self._next, ranges_m, _SAME_BEAMS)
+        if row < 0:
+            return True
+        self._next = row
         return False

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slam.arrays import FloatArray, frozen_array
-from slam.kernels.beam_points import are_same_ranges, same_into
+from slam.kernels.beam_points import same_into
 from slam.odometry import DifferentialDrive, OdometryNoise
 from slam.se2 import FARTHEST_M, SE2
 
@@ -19,8 +19,6 @@ _ASSUMED_DRIVE = DifferentialDrive((0.5 / math.pi, 0.5 / math.pi), track_m=0.3, 
 """Where only a motion is known: the track of which `OdometryNoise` speaks; its ticks are metres."""
 LATEST_S = 1e12
 """Thirty thousand years; nanoseconds since 1970 are a million times as many."""
-_SAME_BEAMS = 0.9
-"""Chosen: of the beams of two scans, those with a range in both; each of these must be the same."""
 BEAM_NOISE = 0.05, 0.01
 """[m], and share of a range, by which a beam may measure the same once more. Chosen: twice a cheap laser's
 noise."""
@@ -90,11 +88,6 @@ class LaserScan:
             [ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)]
         )
         return T_base_laser @ points_laser
-
-    def repeats(self, before: LaserScan) -> bool:
-        """True where a laser that froze gives a scan once more: its ranges bit for bit, but for a few
-        beams that came back in one of both alone."""
-        return bool(are_same_ranges(self.ranges_m, before.ranges_m, _SAME_BEAMS))
 
     def likeness(self, other: LaserScan) -> float:
         """Share of the beams, of those that came back in either scan, that measured the same in both but for

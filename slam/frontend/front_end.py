@@ -23,13 +23,12 @@ from slam.frontend.slipped_wheels import SlippedWheels
 from slam.frontend.strays import ToldStep, apart_m, told_step
 from slam.frontend.wheel_scale import ScaledStep, WheelScale
 from slam.frozen_laser import FrozenLaser
-from slam.kernels.beam_points import count_beyond
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.surface.surface_map import SurfaceMatch, faced
+from slam.surface.surface_map import SurfaceMatch, faced_ends
 from slam.surface.surface_window import SurfaceWindow
 from slam.surface.views import Glances
 
@@ -219,10 +218,7 @@ class FrontEnd:
     def _seen(self, beams: Beams) -> FloatArray:
         """(N, 3) the faced points of a scan; none where the laser is blocked."""
         config = self.config
-        points = beams.points_within(config.range_max_m)
-        if count_beyond(points, beams.middle_m, config.blocked_m) < config.min_points:
-            points = points[:0]
-        return faced(points, beams.middle_m)
+        return faced_ends(beams, config.range_max_m, config.blocked_m, config.min_points)
 
     def _way_m(self, measurement: Measurement) -> float:
         """Of the wheels since the last scan; 0 where it is too fast for any: odometry that jumps."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 from slam.kernels import compiled
 
 
@@ -47,37 +47,37 @@ def are_all_first(points: FloatArray) -> bool:
 
 
 @compiled
-def count_beyond(points: FloatArray, middle: FloatArray, distance: float) -> int:
-    """How many points (N, 2) are farther than a distance from a middle (2,)."""
+def note_ranges(
+    noted: FloatArray, lengths: IntArray, next_: int, ranges: FloatArray, least: float
+) -> int:
+    """Writes the ranges (N,) of a scan into a row of noted ones (K, M), by turns, if any of them is finite, and
+    its length: lengths (K,). Which row is next; -1: they are those of one that is noted."""
     count = 0
-    for i in range(points.shape[0]):
-        count += math.hypot(points[i, 0] - middle[0], points[i, 1] - middle[1]) > distance
-    return count
+    for i in range(ranges.shape[0]):
+        count += math.isfinite(ranges[i])
+    if count == 0:
+        return next_
+    for k in range(noted.shape[0]):
+        if lengths[k] == ranges.shape[0] and _are_same(noted[k], ranges, least):
+            return -1
+    lengths[next_] = ranges.shape[0]
+    for i in range(ranges.shape[0]):
+        noted[next_, i] = ranges[i]
+    return int((next_ + 1) % noted.shape[0])
 
 
 @compiled
-def are_same_ranges(first: FloatArray, second: FloatArray, least: float) -> bool:
-    """Whether all numbers that are finite in both arrays (N,) are equal, and these are at least so
-    large a share of those finite in either."""
-    if first.shape[0] != second.shape[0]:
-        return False
+def _are_same(first: FloatArray, second: FloatArray, least: float) -> bool:
+    """Whether all numbers that are finite in both of two arrays, as far as the second (N,) goes, are equal, and
+    these are at least so large a share of those finite in either."""
     both = either = 0
-    for i in range(first.shape[0]):
+    for i in range(second.shape[0]):
         is_first, is_second = math.isfinite(first[i]), math.isfinite(second[i])
         if is_first and is_second and first[i] != second[i]:
             return False
         both += is_first and is_second
         either += is_first or is_second
     return both > 0 and both >= least * either
-
-
-@compiled
-def has_finite(numbers: FloatArray) -> bool:
-    """Whether any of them (N,) is."""
-    count = 0
-    for i in range(numbers.shape[0]):
-        count += math.isfinite(numbers[i])
-    return count > 0
 
 
 @compiled

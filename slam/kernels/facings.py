@@ -4,13 +4,41 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from slam.arrays import FloatArray, IntArray
 from slam.kernels import compiled
+from slam.kernels.beam_points import points_into
 
 _MOST_NEIGHBOURS = 20
 """Chosen: of a point, to either side, that its direction is taken from."""
 _GRAZED_M = 0.1
 """Chosen: a laser that is nearer to the line of a wall cannot tell which of its sides it sees."""
+
+
+@compiled
+def faced_ends_into(
+    origins: FloatArray,
+    directions: FloatArray,
+    ranges: FloatArray,
+    farthest: float,
+    seen_from: FloatArray,
+    blocked_m: float,
+    least: int,
+    reach_m: float,
+    faced: FloatArray,
+) -> int:
+    """Into the first rows of faced (N, 3): where beams end, see `points_into`, and face, see `facings_into`. How
+    many; none, where fewer than `least` of them are farther than blocked_m from where they are seen from."""
+    points, variances = np.empty((ranges.shape[0], 2)), np.empty(ranges.shape[0])
+    count: int = points_into(origins, directions, ranges, farthest, points)
+    far = 0
+    for i in range(count):
+        far += math.hypot(points[i, 0] - seen_from[0], points[i, 1] - seen_from[1]) > blocked_m
+    if far < least:
+        return 0
+    facings_into(points[:count], seen_from, reach_m, True, faced, variances)
+    return count
 
 
 @compiled

@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray
+from slam.beams import Beams
 from slam.kernels import surface_map as kernels
 from slam.kernels import surface_matching as matching
 from slam.kernels import surface_search as search
-from slam.kernels.facings import all_moved_in_place, facings_into, moved_into
+from slam.kernels.facings import all_moved_in_place, faced_ends_into, facings_into, moved_into
 from slam.kernels.normal_equations import inverse_of
 from slam.lazy import lazy
+from slam.records import record
 from slam.se2 import SE2
 
 _FIRST_ENTRIES = 1024
@@ -38,6 +40,17 @@ def faced(points: FloatArray, seen_from: FloatArray, *, is_lone_told: bool = Tru
     else only where beams are too far apart for any.
     """
     return faced_and_variances(points, seen_from, is_lone_told=is_lone_told)[0]
+
+
+def faced_ends(beams: Beams, range_m: float, blocked_m: float, least: int) -> FloatArray:
+    """(N, 3) the ends of beams that are less than a range away [m], as faced points; none, where fewer than so
+    many are farther than blocked_m: something stands before the laser."""
+    out = np.empty((len(beams.ranges_m), 3))
+    count = faced_ends_into(
+        beams.origins_m, beams.directions, beams.ranges_m, range_m, beams.middle_m, blocked_m, least,
+        _NEIGHBOURS_M, out,
+    )  # fmt: skip
+    return out[:count]
 
 
 def faced_and_variances(
@@ -100,7 +113,7 @@ class SurfaceMapConfig:
             )
 
 
-@dataclass(frozen=True, eq=False)
+@record
 class SurfaceMatch:
     """A pose on the map, and how well the scan fits there.
 

@@ -5,12 +5,20 @@ import math
 import numpy as np
 import pytest
 
+from slam.beams import Beams
 from slam.frontend.front_end import FrontEnd
 from slam.kernels.surface_map import LEVEL, SIDE, STATE, USES, line_normal, place_of
 from slam.kernels.surface_search import count_on_walls, peaks_into
-from slam.measurements import Measurement
+from slam.measurements import LaserScan, Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, all_moved, faced, moved
+from slam.surface.surface_map import (
+    SurfaceMap,
+    SurfaceMapConfig,
+    all_moved,
+    faced,
+    faced_ends,
+    moved,
+)
 from tests.slam.synthetic import box, room, scan_of
 
 WALL_M = 0.12
@@ -51,6 +59,20 @@ def test_a_wall_faces_the_laser_whichever_way_it_runs(turned):
 
 def test_a_lone_point_faces_the_laser():
     assert seen(np.array([[1.0, 1.0]]), (0.0, 0.0))[0, 2] == pytest.approx(-3 * math.pi / 4)
+
+
+@pytest.mark.parametrize("count", [1, 12])
+def test_ends_of_beams_are_faced_where_enough_of_them_are_not_close_by(count):
+    """count: of beams that end far off; the others end at somebody who stands before the laser."""
+    angles_rad = np.linspace(-1.0, 1.0, 60)
+    ranges_m = np.where(np.arange(60) % (60 // count) == 0, 3.0, 0.4)
+    ranges_m[[7, 8]] = np.inf, 50.0
+    beams = Beams.of(LaserScan(0.0, angles_rad, ranges_m), SE2(0.1, 0.0, 0.0))
+    points = beams.points_within(40.0)
+    assert len(points) == 58
+    faced_points = faced(points, beams.middle_m)
+    np.testing.assert_array_equal(faced_ends(beams, 40.0, 0.6, count), faced_points)
+    assert faced_ends(beams, 40.0, 0.6, count + 1).shape == (0, 3)
 
 
 def test_a_wall_that_the_laser_looks_along_tells_nothing():
