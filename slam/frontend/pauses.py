@@ -52,9 +52,10 @@ class Pauses:
         )
         if math.isfinite(elapsed_s):
             intervals_s.append(elapsed_s)
-            for amount, paces in zip(amounts, self._paces, strict=True):
-                if amount > _DRIVES and elapsed_s > 0.0:
-                    paces.append(elapsed_s / amount)
+            if elapsed_s > 0.0:
+                for amount, paces in zip(amounts, self._paces, strict=True):
+                    if amount > _DRIVES:
+                        paces.append(elapsed_s / amount)
         return is_pause
 
     @property
