@@ -35,9 +35,14 @@ class Candidates:
     """Matches of a scan with the surfaces that the last keyframes saw."""
 
     def __init__(
-        self, surfaces: SurfaceMap, keyframes: Sequence[Keyframe], config: FrontEndConfig
+        self,
+        surfaces: SurfaceMap,
+        keyframes: Sequence[Keyframe],
+        config: FrontEndConfig,
+        scratch: SurfaceMap,
     ) -> None:
         self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
+        self._scratch = scratch
 
     def led(self, points: FloatArray, beams: Beams, told: Prediction) -> SurfaceMatch:
         """The match of faced points (N, 3) of a scan where the wheels lead."""
@@ -54,7 +59,7 @@ class Candidates:
             if held.cost < match.cost + (config.better_against if is_denied else config.better):
                 match = held
         if match.least_facing < config.least_facing:
-            before = SeenBefore(self._keyframes, points, beams, config)
+            before = SeenBefore(self._keyframes, points, beams, config, self._scratch)
             match = closed_match(
                 self._surfaces, points, T_predicted, told.odometry, match, config, told.noise,
                 # walls that wheels slip along, or tell late of, were there
@@ -154,9 +159,9 @@ class Candidates:
         if len(self._keyframes) < 2 or self._keyframes[-1].is_break:
             return 0.0
         before, config = self._keyframes[-2], self._config
-        T_base_before = T_map_base.between(before.T_map_base)
+        T = T_map_base.between(before.T_map_base)
         seen, through = contradictions(
-            before.points[::_LOOKED_THROUGH], T_base_before.as_array(), beams.middle_m,
+            before.points[::_LOOKED_THROUGH], T.x, T.y, T.theta, beams.middle_m,
             beams.angles_rad, beams.ranges_m, *config.denial.margins, 0.0,
         )  # fmt: skip
         enough = _LOOKED_THROUGH * seen >= config.min_points

@@ -25,7 +25,7 @@ def passed(
         (other.points, one.beams, T_other_one.inverse()),
     ):
         counts = contradictions(
-            points, pose.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m,
+            points, pose.x, pose.y, pose.theta, beams.middle_m, beams.angles_rad, beams.ranges_m,
             *margins, aside_m,
         )  # fmt: skip
         seen, through = seen + counts[0], through + counts[1]

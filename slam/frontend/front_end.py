@@ -28,7 +28,7 @@ from slam.loop_closing import Loop
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.surface.surface_map import SurfaceMatch, faced_ends
+from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced_ends
 from slam.surface.surface_window import SurfaceWindow
 from slam.surface.views import Glances
 
@@ -47,7 +47,8 @@ class FrontEnd:
         self.T_map_base = SE2.identity()
         self.ties: list[Loop] = []
         self._window = SurfaceWindow(self.config.window, self.config.surfaces)
-        known = self._window.surfaces, self.keyframes, self.config
+        scratch = SurfaceMap(self.config.surfaces)
+        known = self._window.surfaces, self.keyframes, self.config, scratch
         self._candidates, self._people = Candidates(*known), PeopleAlong(*known)
         self._slipped_wheels = SlippedWheels(*known)
         self._open_run = OpenRun(self.config)
@@ -205,9 +206,10 @@ class FrontEnd:
         surfaces = self.config.surfaces
         self.wheel_scale.update(
             self._P,
-            T_predicted.between(match.T_map_base).log(),
-            match.information * (surfaces.pull / surfaces.share),
+            T_predicted.between(match.T_map_base),
+            match.information,
             match.least_facing,
+            surfaces.pull / surfaces.share,
         )
 
     def keep_place_alone(self, index: int) -> None:

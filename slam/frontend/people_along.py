@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from slam.arrays import FloatArray, read_only
+from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
@@ -54,7 +54,10 @@ Chosen: with a scan each metre, wheels off by a third of that were believed rath
 
 
 class SeenBefore:
-    """What keyframes a while before saw of a scan, of its faced points (N, 3) and beams."""
+    """What keyframes a while before saw of a scan, of its faced points (N, 3) and beams.
+
+    scratch: a map to learn that in, whatever it holds; a new one takes a millisecond to be written to first.
+    """
 
     def __init__(
         self,
@@ -62,12 +65,14 @@ class SeenBefore:
         points: FloatArray,
         beams: Beams,
         config: FrontEndConfig,
+        scratch: SurfaceMap,
     ) -> None:
         self._last, self._before = (
             [one for one in some if not one.is_place_alone]
             for some in (keyframes[_LAST], keyframes[_BEFORE] or keyframes[:1])
         )
         self._points, self._beams, self._config = points, beams, config
+        self._ends, self._scratch = np.ascontiguousarray(points[:, :2]), scratch
 
     def are_people(self, match: SurfaceMatch, T_wheels: SE2) -> bool:
         """Whether one of them looked through what the scan shows at a match, or the scan through what it saw,
@@ -86,35 +91,41 @@ class SeenBefore:
         return not is_aside or self._is_looked_through(self._before, seen)
 
     def _is_looked_through(self, keyframes: Sequence[Keyframe], match: SurfaceMatch) -> bool:
-        through = [self._looked_through(one, match) for one in keyframes]
+        # those before are the first of the last ones
+        through = [
+            self._looked_through(one, sure, match)
+            for one, sure in zip(keyframes, self._last_sure, strict=False)
+        ]
         many = sum(count >= _FEW for count in through)
         return 0 < min(_MANY, len(keyframes)) <= many or sum(through) > _MUCH * len(self._points)
 
-    def _looked_through(self, keyframe: Keyframe, match: SurfaceMatch) -> int:
-        """How many of both scans' points the other did."""
-        margins, there = (
-            self._config.denial.margins,
-            keyframe.T_map_base.between(match.T_map_base),
-        )
+    def _looked_through(self, keyframe: Keyframe, sure: Beams, match: SurfaceMatch) -> int:
+        """How many of both scans' points the other did; sure: the beams of the keyframe."""
+        margins, there = self._config.denial.margins, keyframe.T_map_base.between(match.T_map_base)
         through = 0
-        for points, beams, pose in (
-            (np.ascontiguousarray(self._points[:, :2]), keyframe.beams, there),
-            (keyframe.points, self._beams, there.inverse()),
+        for points, beams, T in (
+            (self._ends, sure, there),
+            (keyframe.points, self._sure, there.inverse()),
         ):
             through += contradictions(
-                points,
-                pose.as_array(),
-                beams.middle_m,
-                beams.angles_rad,
-                self._surely_m(beams),
-                *margins,
-                _ASIDE_M,
-            )[1]
+                points, T.x, T.y, T.theta, beams.middle_m, beams.angles_rad, beams.ranges_m,
+                *margins, _ASIDE_M,
+            )[1]  # fmt: skip
         return through
 
-    def _surely_m(self, beams: Beams) -> FloatArray:
-        """(B,) ranges; of beams that came back from nowhere, up to where something would have been seen [m]."""
-        return read_only(np.where(np.isposinf(beams.ranges_m), self._sure_m, beams.ranges_m))
+    def _surely(self, beams: Beams) -> Beams:
+        """The same beams; those that came back from nowhere, up to where something would have been seen."""
+        ranges_m = np.where(np.isposinf(beams.ranges_m), self._sure_m, beams.ranges_m)
+        ranges_m.flags.writeable = False  # not to be copied
+        return beams.with_ranges(ranges_m)
+
+    @cached_property
+    def _sure(self) -> Beams:
+        return self._surely(self._beams)
+
+    @cached_property
+    def _last_sure(self) -> list[Beams]:
+        return [self._surely(one.beams) for one in self._last]
 
     @cached_property
     def _sure_m(self) -> float:
@@ -126,14 +137,14 @@ class SeenBefore:
     @cached_property
     def _surfaces(self) -> SurfaceMap:
         """What those before saw that stood: somebody whom one of them met may be met there again."""
-        surfaces, denial = SurfaceMap(self._config.surfaces), self._config.denial
+        surfaces, denial = self._scratch, self._config.denial
+        surfaces.clear()
         sure = [
-            replace(one, beams=replace(one.beams, ranges_m=self._surely_m(one.beams)))
-            for one in self._last
+            replace(one, beams=beams)
+            for one, beams in zip(self._last, self._last_sure, strict=True)
         ]
         poses = np.array([one.T_map_base.as_array() for one in sure]).reshape(-1, 3)
         witnesses = Witnesses(sure, poses, denial.margins, denial.aside_m)
-        # they are the first of the last ones
         for k, keyframe in enumerate(self._before):
             surfaces.add(moved(keyframe.T_map_base, keyframe.faced[witnesses.stands(k)]))
         return surfaces
@@ -143,9 +154,14 @@ class PeopleAlong:
     """Scans that people draw aside of where the wheels lead, who walk along with the robot."""
 
     def __init__(
-        self, surfaces: SurfaceMap, keyframes: Sequence[Keyframe], config: FrontEndConfig
+        self,
+        surfaces: SurfaceMap,
+        keyframes: Sequence[Keyframe],
+        config: FrontEndConfig,
+        scratch: SurfaceMap,
     ) -> None:
         self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
+        self._scratch = scratch
 
     def may_be(self, told: Prediction, match: SurfaceMatch) -> bool:
         """Whether it is worth to ask `have_drawn`: wheels that had spun when scans denied them lead on from
@@ -173,7 +189,7 @@ class PeopleAlong:
         is_clean = alone.cost < CLEAN or told.way_m > _SHORT_M
         if is_turned or not is_clean or not since.is_denying(alone, _DRAWN[1]):
             return False
-        before = SeenBefore(self._keyframes, points, beams, self._config)
+        before = SeenBefore(self._keyframes, points, beams, self._config, self._scratch)
         return before.are_people(alone, since.T_map_base)
 
     def held_along(

@@ -42,9 +42,14 @@ class SlippedWheels:
     """Matches against wheels that spun or slipped, with the surfaces that the last keyframes saw."""
 
     def __init__(
-        self, surfaces: SurfaceMap, keyframes: Sequence[Keyframe], config: FrontEndConfig
+        self,
+        surfaces: SurfaceMap,
+        keyframes: Sequence[Keyframe],
+        config: FrontEndConfig,
+        scratch: SurfaceMap,
     ) -> None:
         self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
+        self._scratch = scratch
         self.still = StillScans()
         self._has_way = False
 
@@ -61,7 +66,7 @@ class SlippedWheels:
             alone = self._slipped(points, told, led)
         if alone is None:
             return None
-        before = SeenBefore(self._keyframes, points, beams, self._config)
+        before = SeenBefore(self._keyframes, points, beams, self._config, self._scratch)
         if before.are_people(alone, told.T_map_base):
             return None
         T_start, loose = alone.T_map_base, LITTLE * told.odometry

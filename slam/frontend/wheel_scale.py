@@ -115,20 +115,23 @@ class WheelScale:
         """(3, 3) the pose's covariance after a motion by the wheels, of which spread (3, 3) is."""
         self._told, after = motion, np.empty((3, 3))
         kernels.predict(
-            covariance, self._across, motion.as_array(), self.scale, self.variance, spread, after
-        )
+            covariance, self._across, motion.x, motion.y, motion.theta, self.scale, self.variance,
+            spread, after,
+        )  # fmt: skip
         return after
 
     def update(
         self,
         covariance: FloatArray,
-        innovation: FloatArray,
+        innovation: SE2,
         information: FloatArray,
         least_facing: float,
+        pull: float = 1.0,
     ) -> None:
-        """What a scan tells that moved the pose by an innovation (3,).
+        """What a scan tells that moved the pose by an innovation.
 
-        covariance: (3, 3) of the pose before, information: (3, 3) of the scan alone.
+        covariance: (3, 3) of the pose before, information: (3, 3) of the scan alone, pull: how much of
+        that counts.
         """
         config = self.config
         told_m = math.hypot(self._told.x, self._told.y)
@@ -136,19 +139,21 @@ class WheelScale:
             # the innovation is in the frame at the end of the motion
             bearing_rad = math.atan2(self._told.y, self._told.x) - self._told.theta
             self._ahead = math.cos(bearing_rad), math.sin(bearing_rad)
-        slope_m = self._along(self._across) / self.variance
-        less, squared = kernels.update(covariance, self._across, innovation, information)
+        less, squared, ahead_m, variance_m2, before, after = kernels.update(
+            covariance, self._across, innovation.x, innovation.y, innovation.theta, *self._ahead,
+            information, pull,
+        )  # fmt: skip
         if least_facing < config.least_facing:
             return
         # a scan at which the wheels told of no way counts as well: others told of all of it
-        ahead_m = self._along(innovation)
         self._note_delay(told_m, ahead_m)
         if told_m > _STANDING_M:
-            self._note_noise(squared, ahead_m, covariance)
+            self._note_noise(squared, ahead_m, variance_m2)
+        slope_m = before / self.variance
         self._has_jumped |= squared > self._noise * config.most_nis
         self._way_m += told_m
         self._moved_m += ahead_m
-        self._lever_m += slope_m - self._along(self._across) / self.variance
+        self._lever_m += slope_m - after / self.variance
         if slope_m > _STANDING_M:
             self._scans += 1
             self._slopes_m += slope_m
@@ -156,18 +161,9 @@ class WheelScale:
         if self._way_m > self._noise * config.way_m and len(self._squared) >= config.least_scans:
             self._take_in(less)
 
-    def _along(self, vector: FloatArray) -> float:
-        """Of a vector (3,) [m, m, rad], what lies along the way."""
-        (c, s), (x, y, _) = self._ahead, vector.tolist()
-        along: float = c * x + s * y
-        return along
-
-    def _note_noise(self, squared: float, ahead_m: float, covariance: FloatArray) -> None:
-        """From the normalised innovation squared, and from the innovation along the way: the variance
-        that the wheels show, as a multiple of what they were told to have; 1 at least."""
-        (c, s), ((xx, xy, _), (_, yy, _), _) = self._ahead, covariance.tolist()
-        variance_m2 = c * c * xx + s * s * yy
-        variance_m2 += 2.0 * c * s * xy
+    def _note_noise(self, squared: float, ahead_m: float, variance_m2: float) -> None:
+        """From the normalised innovation squared, and from the innovation along the way, of a variance: the
+        variance that the wheels show, as a multiple of what they were told to have; 1 at least."""
         self._squared.take(squared)
         # wheels that are told to be exact, and odometry that nobody questions
         self._ahead_squared.take(ahead_m * ahead_m / max(variance_m2, LEAST_PIVOT))

@@ -125,7 +125,7 @@ def lower_root_into(matrix: FloatArray, least: float, root: FloatArray) -> bool:
     """Cholesky's lower root (3, 3) of a symmetric matrix, whose pivots are taken to be `least` at
     least; False where one of them was less."""
     is_definite = True
-    root[:] = 0.0
+    root[0, 1] = root[0, 2] = root[1, 2] = 0.0
     for j in range(3):
         for k in range(j + 1):
             left = matrix[j, k]
@@ -179,19 +179,18 @@ def inverse_into(matrix: FloatArray, inverse: FloatArray) -> None:
 @compiled
 def carry_into(covariance: FloatArray, x: float, y: float, theta: float, out: FloatArray) -> None:
     """Into out (3, 3): the covariance of a pose in its frame, seen from where a motion (x, y, theta) then leads."""
+    # by the adjoint of the motion back: (c, s, ahead), (-s, c, aside), (0, 0, 1)
     c, s = math.cos(theta), math.sin(theta)
-    # the adjoint of the motion back
-    carry = np.array([[c, s, s * x - c * y], [-s, c, c * x + s * y], [0.0, 0.0, 1.0]])
-    half = np.zeros((3, 3))
-    out[:] = 0.0
+    ahead, aside = s * x - c * y, c * x + s * y
+    for k in range(3):
+        one, other, turn = covariance[0, k], covariance[1, k], covariance[2, k]
+        out[0, k] = c * one + s * other + ahead * turn
+        out[1, k] = c * other - s * one + aside * turn
+        out[2, k] = turn
     for j in range(3):
-        for k in range(3):
-            for m in range(3):
-                half[j, k] += carry[j, m] * covariance[m, k]
-    for j in range(3):
-        for k in range(3):
-            for m in range(3):
-                out[j, k] += half[j, m] * carry[k, m]
+        one, other, turn = out[j, 0], out[j, 1], out[j, 2]
+        out[j, 0] = c * one + s * other + ahead * turn
+        out[j, 1] = c * other - s * one + aside * turn
 
 
 @compiled

@@ -37,7 +37,9 @@ UNSEEN, NOT_THROUGH, THROUGH = range(3)
 @compiled
 def contradictions(
     points: FloatArray,
-    pose: FloatArray,
+    pose_x: float,
+    pose_y: float,
+    heading: float,
     origin: FloatArray,
     angles: FloatArray,
     ranges: FloatArray,
@@ -45,7 +47,7 @@ def contradictions(
     margin_share: float,
     aside_m: float,
 ) -> tuple[int, int]:
-    """Of points (N, 2) with their frame at a pose (3,), seen from an origin (2,): how many lie
+    """Of points (N, 2) with their frame at a pose, seen from an origin (2,): how many lie
     within the fan of a scan, and how many where its beams went through.
 
     angles: (B,) increasing, ranges: (B,) of the scan's beams, +inf where nothing was met: that says
@@ -53,10 +55,10 @@ def contradictions(
     so do those that go by within aside_m: along a wall, a beam misses a point by a hair.
     """
     seen = passed = 0
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    c, s = math.cos(heading), math.sin(heading)
     for i in range(points.shape[0]):
-        x = pose[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
-        y = pose[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
+        x = pose_x + c * points[i, 0] - s * points[i, 1] - origin[0]
+        y = pose_y + s * points[i, 0] + c * points[i, 1] - origin[1]
         beyond = _beyond(x, y, angles, ranges, margin_m, margin_share, aside_m)
         if beyond == beyond:
             seen += 1

@@ -21,7 +21,9 @@ from slam.kernels.normal_equations import (
 def predict(
     covariance: FloatArray,
     across: FloatArray,
-    told: FloatArray,
+    told_x: float,
+    told_y: float,
+    told_theta: float,
     scale: float,
     variance: float,
     spread: FloatArray,
@@ -29,14 +31,16 @@ def predict(
 ) -> None:
     """Into after (3, 3): the covariance of the pose after a motion; across (3,), that with the scale, in place.
 
-    told: (3,) x, y, heading of the motion by the wheels, spread: (3, 3) its own covariance at its
+    told_x, told_y, told_theta: of the motion by the wheels, spread: (3, 3) its own covariance at its
     end. The robot went `scale` times as far, give or take what variance says.
     """
-    c, s = math.cos(told[2]), math.sin(told[2])
-    x, y = scale * told[0], scale * told[1]
-    ahead, aside = c * told[0] + s * told[1], c * told[1] - s * told[0]
-    carry_into(covariance, x, y, told[2], after)
-    after += spread
+    c, s = math.cos(told_theta), math.sin(told_theta)
+    x, y = scale * told_x, scale * told_y
+    ahead, aside = c * told_x + s * told_y, c * told_y - s * told_x
+    carry_into(covariance, x, y, told_theta, after)
+    for j in range(3):
+        for k in range(3):
+            after[j, k] += spread[j, k]
     dx, dy = across[0] - y * across[2], across[1] + x * across[2]
     was_x, was_y = c * dx + s * dy, c * dy - s * dx
     after[0, 0] += 2.0 * was_x * ahead + variance * ahead * ahead
@@ -50,26 +54,46 @@ def predict(
 
 @compiled
 def update(
-    covariance: FloatArray, across: FloatArray, innovation: FloatArray, information: FloatArray
-) -> tuple[float, float]:
-    """By how much a scan lessens the scale's variance, and the normalised innovation squared; across
-    (3,), the pose's covariance with the scale, in place.
+    covariance: FloatArray,
+    across: FloatArray,
+    x: float,
+    y: float,
+    theta: float,
+    c: float,
+    s: float,
+    information: FloatArray,
+    pull: float,
+) -> tuple[float, float, float, float, float, float]:
+    """What a scan that moved the pose, by x, y, theta, tells of the scale; across (3,), the pose's covariance with
+    it, in place.
 
-    covariance: (3, 3) of the pose before, innovation: (3,) by which the scan moved it, information:
-    (3, 3) of the scan alone.
+    covariance: (3, 3) of the pose before; c, s: cosine and sine of the way's bearing; information: (3, 3) of the
+    scan alone, pull: how much of it counts. Returned: by how much it lessens the scale's variance; the normalised innovation squared; how far
+    the pose moved along the way, and the variance of that; what of `across` lay along it before, and does now.
     """
-    root, gain, pull, joined = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3))
+    innovation, root, gain = np.empty(3), np.empty((3, 3)), np.empty(3)
+    weighed, joined = np.empty(3), np.empty((3, 3))
+    half = 0.5 * theta
+    cotangent = half / math.tan(half) if abs(half) > 1e-8 else 1.0
+    innovation[0], innovation[1] = cotangent * x + half * y, cotangent * y - half * x
+    innovation[2] = theta
+    ahead = c * innovation[0] + s * innovation[1]
+    variance = c * c * covariance[0, 0] + s * s * covariance[1, 1] + 2.0 * c * s * covariance[0, 1]
+    along_before = c * across[0] + s * across[1]
     lower_root_into(covariance, LEAST_PIVOT, root)
     solve_by_root(root, across, gain)
-    solve_by_root(root, innovation, pull)
+    solve_by_root(root, innovation, weighed)
     before = squared = after = 0.0
     for j in range(3):
         before += gain[j] * across[j]
-        squared += pull[j] * innovation[j]
+        squared += weighed[j] * innovation[j]
     inverse_into(covariance, joined)
-    joined += information
+    for j in range(3):
+        for k in range(3):
+            joined[j, k] += pull * information[j, k]
     lower_root_into(joined, LEAST_PIVOT, root)
     solve_by_root(root, gain, across)
     for j in range(3):
         after += gain[j] * across[j]
-    return before - after, squared
+    along_after = c * across[0] + s * across[1]
+    return before - after, squared, ahead, variance, along_before, along_after

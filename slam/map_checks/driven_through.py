@@ -112,9 +112,9 @@ def _passed(
         if not 0 <= other < len(keyframes) or keyframes[other].is_place_alone:
             continue
         beams = keyframes[other].beams
-        T_other_map = SE2.from_array(poses[other]).inverse()
+        T = SE2.from_array(poses[other]).inverse()
         seen, passed = contradictions(
-            points, T_other_map.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m,
+            points, T.x, T.y, T.theta, beams.middle_m, beams.angles_rad, beams.ranges_m,
             *margins, 0.0,
         )  # fmt: skip
         if seen >= _FEW:

@@ -325,10 +325,11 @@ class SurfaceMap:
         ]
 
     def thinned(self, points: FloatArray, most: int | None = None) -> FloatArray:
-        """At most so many of points (N, ...), evenly in their order."""
+        """At most so many of points (N, ...), evenly in their order; if there are no more, these themselves."""
         most = self.config.max_points if most is None else most
-        every = -(-len(points) // most)
-        return np.ascontiguousarray(points[::every] if every > 1 else points)
+        if len(points) <= most:
+            return points
+        return np.ascontiguousarray(points[:: -(-len(points) // most)])
 
     def _put(self, points: FloatArray, sign: int) -> None:
         done = np.zeros(len(self._cells_m), np.int64)

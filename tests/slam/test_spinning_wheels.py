@@ -155,7 +155,7 @@ def against(
     rng = np.random.default_rng(1)
     known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
     keyframes = known if keyframes is None else keyframes
-    wheels = SlippedWheels(surfaces, keyframes, FrontEndConfig())
+    wheels = SlippedWheels(surfaces, keyframes, FrontEndConfig(), SurfaceMap())
     last, beams = (
         Beams.of(scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.0, ANGLES_RAD, 8.0), SE2.identity())
         for x in (0.0, true_m)

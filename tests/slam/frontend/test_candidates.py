@@ -31,7 +31,7 @@ def match(x_m: float, cost: float) -> SurfaceMatch:
 def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
     monkeypatch, off_m, sigma_m, is_coasting, is_believed
 ):
-    candidates = Candidates(SurfaceMap(), [], FrontEndConfig())
+    candidates = Candidates(SurfaceMap(), [], FrontEndConfig(), SurfaceMap())
     # where wheels lead the last keyframes deny a scan, at the other place they do not
     denied = {0.0: (100, 32), off_m: (100, 4)}
     monkeypatch.setattr(candidates, "denied", lambda pose, *_: denied[pose.x])
@@ -49,7 +49,7 @@ def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
 def test_wheels_that_hardly_know_are_no_better_than_that_the_robot_goes_on(
     monkeypatch, usual_m, sigma_m, is_believed
 ):
-    candidates = Candidates(SurfaceMap(), [], FrontEndConfig())
+    candidates = Candidates(SurfaceMap(), [], FrontEndConfig(), SurfaceMap())
     monkeypatch.setattr(candidates, "denied", lambda *_: (100, 4))
     P, here = np.eye(3) * sigma_m**2, SE2.identity()
     told = Prediction(here, here, P, np.linalg.inv(P), 1.0, is_coasting=False)

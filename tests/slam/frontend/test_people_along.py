@@ -101,7 +101,7 @@ def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_peopl
     told = Prediction(last, led, covariance, information, 1.0, is_coasting=False)
     bare = room(-30.0, -1.0, 30.0, 1.0)
     before = [kept(bare, SE2(x, 0.0, 0.0), rng) for x in np.arange(-4.0, 0.1, 0.5)]
-    match = Candidates(surfaces, before, CONFIG).led(points, beams, told)
+    match = Candidates(surfaces, before, CONFIG, SurfaceMap()).led(points, beams, told)
     assert match.T_map_base.is_near(led, 0.1, 0.02) is is_led
 
 
@@ -283,7 +283,7 @@ def test_people_who_draw_scans_little_by_little(
     told = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     since = replace(told, T_map_base=SE2(0.2, 0.0, 0.0))
     match = Alone(SE2(0.17, 0.0, 0.0)).match(None, led)
-    asked = PeopleAlong(Alone(alone, cost), [], CONFIG)
+    asked = PeopleAlong(Alone(alone, cost), [], CONFIG, SurfaceMap())
     assert asked.have_drawn(np.zeros((0, 3)), None, told, since, match) is are_people
 
 
@@ -297,7 +297,7 @@ def test_walls_tell_what_lies_across_the_way_that_people_drew_a_scan_aside():
     led, P = SE2(0.3, 0.1, 0.1), 0.01**2 * np.eye(3)
     since = Prediction(SE2.identity(), led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     drawn = Alone(SE2.identity()).match(None, led)
-    held = PeopleAlong(surfaces, [], CONFIG).held_along(points, since, drawn)
+    held = PeopleAlong(surfaces, [], CONFIG, SurfaceMap()).held_along(points, since, drawn)
     assert held.T_map_base.is_near(SE2(0.3, 0.0, 0.0), 0.05, 0.02)
 
 
@@ -362,7 +362,7 @@ def seen_before(
     """Of a scan taken at a pose."""
     scan = scan_of(walls, pose, rng, 0.01, ANGLES_RAD, 8.0)
     points = faced(scan.points(SE2.identity()), np.zeros(2))
-    return SeenBefore(before, points, Beams.of(scan, SE2.identity()), CONFIG)
+    return SeenBefore(before, points, Beams.of(scan, SE2.identity()), CONFIG, SurfaceMap())
 
 
 def at(x: float) -> SurfaceMatch:

@@ -25,7 +25,7 @@ def driven(scale, true_scale, steps, information=SCAN, facing=0.2):
         off_m = (true_scale - scale.scale) * AHEAD.x
         after = np.linalg.inv(np.linalg.inv(covariance) + information)
         innovation = after @ information @ np.array([off_m, 0.0, 0.0])
-        scale.update(covariance, innovation, information, facing)
+        scale.update(covariance, SE2.exp(innovation), information, facing)
         step = scale.begin_step()
     return step
 
@@ -58,7 +58,7 @@ def test_wheels_told_to_be_exact_are_no_division_by_nothing():
     scale = WheelScale()
     for _ in range(5):
         scale.predict(np.zeros((3, 3)), AHEAD, np.zeros((3, 3)))
-        scale.update(np.zeros((3, 3)), np.array([0.01, 0.0, 0.0]), SCAN, 0.2)
+        scale.update(np.zeros((3, 3)), SE2(0.01, 0.0, 0.0), SCAN, 0.2)
         scale.begin_step()
     assert scale.noise > 1.0
 
@@ -86,7 +86,7 @@ def test_pose_and_scale_are_followed_as_four_unknowns_are():
         before = scale.scale + full[3, :3] @ np.linalg.solve(full[:3, :3], innovation)
         lifted = np.zeros((4, 4))
         lifted[:3, :3] = information
-        scale.update(P, innovation, information, 0.2)
+        scale.update(P, SE2.exp(innovation), information, 0.2)
         full = np.linalg.inv(np.linalg.inv(full) + lifted)
         P = full[:3, :3].copy()
         assert scale.scale == pytest.approx(before, rel=1e-10)
@@ -118,7 +118,7 @@ def odometry_told(scale, told_m, true_m):
         covariance = scale.predict(np.zeros((3, 3)), SE2(told, 0.0, 0.0), spread)
         after = np.linalg.inv(np.linalg.inv(covariance) + SCAN)
         off_m = np.array([went - scale.scale * told, 0.0, 0.0])
-        scale.update(covariance, after @ SCAN @ off_m, SCAN, 0.2)
+        scale.update(covariance, SE2.exp(after @ SCAN @ off_m), SCAN, 0.2)
         scale.begin_step()
 
 
@@ -152,7 +152,7 @@ def test_wheels_that_spin_while_the_robot_stands_teach_nothing():
     sigma = scale.sigma
     for _ in range(40):
         covariance = scale.predict(np.zeros((3, 3)), SE2(0.05, 0.0, 0.0), SPREAD)
-        scale.update(covariance, np.array([-0.05 * scale.scale, 0.0, 0.0]), SCAN, 0.2)
+        scale.update(covariance, SE2(-0.05 * scale.scale, 0.0, 0.0), SCAN, 0.2)
         scale.begin_step()
     assert scale.scale == pytest.approx(1.0, abs=1e-3)
     assert scale.sigma == pytest.approx(sigma, rel=0.05)
@@ -161,7 +161,7 @@ def test_wheels_that_spin_while_the_robot_stands_teach_nothing():
 def test_wheels_that_jump_teach_nothing():
     scale = WheelScale()
     covariance = scale.predict(np.zeros((3, 3)), AHEAD, SPREAD)
-    scale.update(covariance, np.array([0.6, 0.0, 0.0]), SCAN, 0.2)
+    scale.update(covariance, SE2(0.6, 0.0, 0.0), SCAN, 0.2)
     assert scale.scale == 1.0
 
 

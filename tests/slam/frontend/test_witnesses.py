@@ -78,8 +78,9 @@ def test_wall_along_which_a_scan_looks_says_nothing():
     off = SE2(0.0, -0.15, 0.0)
     beams = other.beams
     plain = contradictions(
-        one.points, off.as_array(), beams.middle_m, beams.angles_rad, beams.ranges_m, *MARGINS, 0.0
-    )
+        one.points, off.x, off.y, off.theta, beams.middle_m, beams.angles_rad, beams.ranges_m,
+        *MARGINS, 0.0,
+    )  # fmt: skip
     assert plain[1] > 10
     poses = np.array([off.as_array(), SE2.identity().as_array()])
     # the board's far end, where points are too far apart to tell a direction: 22 without
