@@ -26,8 +26,9 @@ from slam.lazy import lazy
 from slam.records import record
 from slam.se2 import SE2
 
-_FIRST_ENTRIES = 1024
-"""Chosen: a room's."""
+_FIRST_ENTRIES = 8192
+"""Chosen: of a few rooms'. Memory costs nothing until it is written to, which entries are one after the other; to
+grow costs all that was written."""
 _NEIGHBOURS_M = 0.2
 """Chosen: so near a point, others are on its surface; short of a wall's next corner, and long enough
 that a noise of 4 cm turns the surface by a few degrees only."""
@@ -222,7 +223,8 @@ class SurfaceMap:
         self._sums: NDArray[np.float32] = np.zeros((count, kernels.SIDES, 6), np.float32)
         self._surfels: FloatArray = np.zeros((count, kernels.SIDES, kernels.SURFEL))
         # the lowest are the next
-        self._free = np.array([*range(count - 1, 0, -1), kernels.NONE, count - 1], np.int32)
+        self._free = np.arange(count, -1, -1, dtype=np.int32) - 1
+        self._free[-2:] = kernels.NONE, count - 1
         self._cells_m = np.array(self.config.cells_m)
         self._stages = np.array(self.config.finest), np.array(self.config.scales_m)
 

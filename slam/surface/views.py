@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import FloatArray
-from slam.beams import Beams
-from slam.kernels import copy_into
+from slam.beams import Beams, narrowed
 from slam.se2 import SE2
 from slam.surface.surface_map import faced
 
@@ -75,8 +74,11 @@ class Glances:
             self._every *= 2
         if self._count % self._every == 0:
             angles_rad, ranges_m = beams.from_middle()
-            small = _narrowed(angles_rad), _narrowed(ranges_m)
-            self._kept.append(Glance(T_keyframe_base, beams.middle_m, *small))
+            # scans whose beams start in one place share theirs
+            is_own = angles_rad is not beams.angles_rad
+            narrow_rad = narrowed(angles_rad) if is_own else beams.narrow_angles_rad
+            glance = Glance(T_keyframe_base, beams.middle_m, narrow_rad, narrowed(ranges_m))
+            self._kept.append(glance)
         self._count += 1
 
     @property
@@ -94,10 +96,3 @@ class Glances:
     def kept_but(self, strayed: Set[SE2]) -> tuple[Glance, ...]:
         """Those kept, but for such as were not taken where they seemed to be."""
         return tuple(one for one in self._kept if one.T_keyframe_base not in strayed)
-
-
-def _narrowed(numbers: FloatArray) -> NDArray[np.float32]:
-    """The same in half the memory; NumPy's own way warns of some kinds of nan."""
-    narrow = np.empty(numbers.shape, np.float32)
-    copy_into(numbers, narrow)
-    return narrow

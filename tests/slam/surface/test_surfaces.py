@@ -375,3 +375,21 @@ def test_scans_since_a_keyframe_are_kept_evenly_and_sixteen_at_most():
     view = glances.kept[0].view(SE2(1.0, 2.0, 0.0))
     assert view.T_map_base.y == 2.0
     assert view.ranges_m.tolist() == [1.0, np.inf, 2.0]
+
+
+def test_scans_that_start_in_one_place_keep_their_directions_once():
+    angles_rad = np.array([0.0, 0.1, 0.2])
+    first = Beams(np.zeros((3, 2)), angles_rad, np.ones(3))
+    origins = np.array([[0.0, 0.0], [0.1, 0.0], [0.2, 0.0]])
+    glances = Glances()
+    for beams in (
+        first,
+        first.with_ranges(np.full(3, 2.0)),
+        Beams(origins, angles_rad, np.ones(3)),
+    ):
+        glances.take(SE2.identity(), beams)
+    one, other, moving = glances.kept
+    assert other.angles_rad is one.angles_rad
+    np.testing.assert_allclose(one.angles_rad, angles_rad, atol=1e-7)
+    # as seen from the middle of where they start
+    assert not np.allclose(moving.angles_rad, angles_rad, atol=1e-3)
