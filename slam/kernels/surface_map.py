@@ -110,9 +110,15 @@ def put(
     count, x, y, xx, xy, yy from the cell's middle. done: (L,) how many points are in the cells of each level, in
     place. cells_m: (L,).
     """
+    sides = np.empty((points.shape[0], 2), np.int64)
+    for i in range(points.shape[0]):
+        sides[i, 0] = sides[i, 1] = -1
+        if not math.isnan(points[i, 2]):
+            sides[i, 0], sides[i, 1] = sides_of(points[i, 2])
     for level in range(cells_m.shape[0]):
         done[level] = _put_level(
-            index[level], heads, free, sums, points, done[level], sign, level, cells_m[level],
+            index[level], heads, free, sums, points, sides, done[level], sign, level,
+            cells_m[level],
         )  # fmt: skip
         if done[level] < points.shape[0]:
             return False
@@ -126,32 +132,35 @@ def _put_level(
     free: NDArray[np.int32],
     sums: NDArray[np.float32],
     points: FloatArray,
+    sides: IntArray,
     first: int,
     sign: int,
     level: int,
     cell_m: float,
 ) -> int:
     """As `put`, of one level and from the first point on: the number of the point at which entries ran out, N
-    when all are done."""
+    when all are done. sides: (N, 2) of each point, the nearest first; -1 where it has none, and counts for nothing."""
     i = first
+    while i < points.shape[0] and sides[i, 0] < 0:
+        i += 1
+    next_column = next_row = 0
+    if i < points.shape[0]:
+        next_column = math.floor(points[i, 0] / cell_m)
+        next_row = math.floor(points[i, 1] / cell_m)
     while i < points.shape[0]:
-        if math.isnan(points[i, 2]):
-            i += 1
-            continue
         if sign > 0 and free[-1] < 9:
             return i
-        column, row = math.floor(points[i, 0] / cell_m), math.floor(points[i, 1] / cell_m)
+        column, row = next_column, next_row
         # neighbours in a scan share a cell, most of the time: what is done for cells is done once
         count, asked, end = 0, 0, i
         while end < points.shape[0]:
-            if not math.isnan(points[end, 2]):
-                if (
-                    math.floor(points[end, 0] / cell_m) != column
-                    or math.floor(points[end, 1] / cell_m) != row
-                ):
-                    break
-                near, far = sides_of(points[end, 2])
-                asked |= 1 << near | 1 << far
+            if sides[end, 0] >= 0:
+                if end > i:
+                    next_column = math.floor(points[end, 0] / cell_m)
+                    next_row = math.floor(points[end, 1] / cell_m)
+                    if next_column != column or next_row != row:
+                        break
+                asked |= 1 << sides[end, 0] | 1 << sides[end, 1]
                 count += 1
             end += 1
         middle = NONE
@@ -189,10 +198,11 @@ def _put_level(
                             sums[middle, side, j] = 0.0
                 heads[middle, STATE] |= new << HELD
             for k in range(i, end):
-                if math.isnan(points[k, 2]):
+                if sides[k, 0] < 0:
                     continue
                 x, y = points[k, 0] - middle_x, points[k, 1] - middle_y
-                for side in sides_of(points[k, 2]):
+                for j in range(2):
+                    side = sides[k, j]
                     sums[middle, side, 0] += sign
                     sums[middle, side, 1] += sign * x
                     sums[middle, side, 2] += sign * y
