@@ -68,9 +68,10 @@ class Beams:
             ranges_m=frozen_array(ranges_m, self.angles_rad.shape, "ranges_m"),
             directions=self.directions,
             middle_m=self.middle_m,
-            narrow_angles_rad=self.narrow_angles_rad,
             _is_of_one_origin=self._is_of_one_origin,
         )
+        if self._is_of_one_origin:  # else, directions are kept as seen from the middle
+            other.__dict__["narrow_angles_rad"] = self.narrow_angles_rad
         return other
 
     def shortened(self, offset_m: float) -> Beams:

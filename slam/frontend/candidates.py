@@ -159,10 +159,10 @@ class Candidates:
         if len(self._keyframes) < 2 or self._keyframes[-1].is_break:
             return 0.0
         before, config = self._keyframes[-2], self._config
-        T = T_map_base.between(before.T_map_base)
+        T_base_before = T_map_base.between(before.T_map_base)
         seen, through = contradictions(
-            before.points[::_LOOKED_THROUGH], T.x, T.y, T.theta, beams.middle_m,
-            beams.angles_rad, beams.ranges_m, *config.denial.margins, 0.0,
+            before.points[::_LOOKED_THROUGH], T_base_before.x, T_base_before.y, T_base_before.theta,
+            beams.middle_m, beams.angles_rad, beams.ranges_m, *config.denial.margins, 0.0,
         )  # fmt: skip
         enough = _LOOKED_THROUGH * seen >= config.min_points
         return through / seen if enough else 0.0

@@ -56,7 +56,8 @@ Chosen: with a scan each metre, wheels off by a third of that were believed rath
 class SeenBefore:
     """What keyframes a while before saw of a scan, of its faced points (N, 3) and beams.
 
-    scratch: a map to learn that in, whatever it holds; a new one takes a millisecond to be written to first.
+    scratch: a map to learn that in, whatever it holds, of one of these at a time; a new one takes a millisecond to
+    be written to first.
     """
 
     def __init__(

@@ -15,7 +15,8 @@ def take_among(last: FloatArray, in_order: FloatArray, taken: int, value: float)
     at = 0
     if count == most:
         oldest = last[taken % most]
-        while in_order[at] != oldest:
+        # a NaN would not be found: not past the end for it
+        while at < count - 1 and in_order[at] != oldest:
             at += 1
         count -= 1
         for k in range(at, count):

@@ -68,11 +68,13 @@ def update(
     it, in place.
 
     covariance: (3, 3) of the pose before; c, s: cosine and sine of the way's bearing; information: (3, 3) of the
-    scan alone, pull: how much of it counts. Returned: by how much it lessens the scale's variance; the normalised innovation squared; how far
-    the pose moved along the way, and the variance of that; what of `across` lay along it before, and does now.
+    scan alone, pull: how much of it counts. Returned: by how much it lessens the scale's variance; the normalised
+    innovation squared; how far the pose moved along the way, and the variance of that; what of `across` lay along
+    it before, and does now.
     """
     innovation, root, gain = np.empty(3), np.empty((3, 3)), np.empty(3)
     weighed, joined = np.empty(3), np.empty((3, 3))
+    # the twist of the motion, as `SE2.log`
     half = 0.5 * theta
     cotangent = half / math.tan(half) if abs(half) > 1e-8 else 1.0
     innovation[0], innovation[1] = cotangent * x + half * y, cotangent * y - half * x

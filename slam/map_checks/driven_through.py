@@ -112,10 +112,10 @@ def _passed(
         if not 0 <= other < len(keyframes) or keyframes[other].is_place_alone:
             continue
         beams = keyframes[other].beams
-        T = SE2.from_array(poses[other]).inverse()
+        T_other_map = SE2.from_array(poses[other]).inverse()
         seen, passed = contradictions(
-            points, T.x, T.y, T.theta, beams.middle_m, beams.angles_rad, beams.ranges_m,
-            *margins, 0.0,
+            points, T_other_map.x, T_other_map.y, T_other_map.theta, beams.middle_m,
+            beams.angles_rad, beams.ranges_m, *margins, 0.0,
         )  # fmt: skip
         if seen >= _FEW:
             if 2 * passed > seen:

@@ -15,7 +15,7 @@ from slam.frontend.people_along import PeopleAlong, SeenBefore
 from slam.frontend.prediction import Prediction
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced
+from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced, moved
 from tests.slam.corridors import ANGLES_RAD, ROOM, WALLS, mapped, person, spun
 from tests.slam.frontend.test_open_runs import kept
 from tests.slam.synthetic import box, room, scan_of
@@ -362,7 +362,10 @@ def seen_before(
     """Of a scan taken at a pose."""
     scan = scan_of(walls, pose, rng, 0.01, ANGLES_RAD, 8.0)
     points = faced(scan.points(SE2.identity()), np.zeros(2))
-    return SeenBefore(before, points, Beams.of(scan, SE2.identity()), CONFIG, SurfaceMap())
+    # what it holds counts for nothing: not even that all of the scan stood there
+    scratch = SurfaceMap()
+    scratch.add(moved(pose, points))
+    return SeenBefore(before, points, Beams.of(scan, SE2.identity()), CONFIG, scratch)
 
 
 def at(x: float) -> SurfaceMatch:

@@ -5,7 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from slam.frontend.front_end import FrontEnd
 from slam.frontend.wheel_scale import WheelScale, WheelScaleConfig
+from slam.kernels import wheel_scale as kernels
 from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
@@ -109,6 +111,38 @@ def test_pose_turns_and_moves_with_the_scale_as_four_unknowns_do():
         np.testing.assert_allclose(P, full[:3, :3], atol=1e-14)
     step = scale.begin_step()
     np.testing.assert_allclose(step.slope, full[:3, 3] / full[3, 3], atol=1e-12)
+
+
+def test_a_scan_tells_of_the_scale_as_by_matrices():
+    rng, T, bearing_rad, pull = np.random.default_rng(4), SE2(0.03, -0.05, 1.1), 0.6, 0.4
+    P, information = (rows @ rows.T for rows in rng.normal(size=(2, 3, 5)))
+    across = 0.1 * rng.normal(size=3)
+    ahead = np.array([math.cos(bearing_rad), math.sin(bearing_rad), 0.0])
+    gain = np.linalg.solve(P, across)
+    after = np.linalg.solve(np.linalg.inv(P) + pull * information, gain)
+    expected = (
+        gain @ across - gain @ after, T.log() @ np.linalg.solve(P, T.log()), ahead @ T.log(),
+        ahead @ P @ ahead, ahead @ across, ahead @ after,
+    )  # fmt: skip
+    told = kernels.update(P, across, T.x, T.y, T.theta, *ahead[:2], information, pull)
+    np.testing.assert_allclose(told, expected, rtol=1e-9)
+    np.testing.assert_allclose(across, after, rtol=1e-9)
+
+
+def test_scans_pull_at_the_scale_as_at_the_pose(monkeypatch):
+    front_end, pulls = FrontEnd(ring.T_BASE_LASER), []
+    update = front_end.wheel_scale.update
+
+    def noted(covariance, innovation, information, least_facing, pull):
+        pulls.append(pull)
+        update(covariance, innovation, information, least_facing, pull)
+
+    monkeypatch.setattr(front_end.wheel_scale, "update", noted)
+    for measurement in ring.drive(ring.way(0.01), np.random.default_rng(0))[:5]:
+        front_end.update(measurement)
+    surfaces = front_end.config.surfaces
+    assert len(pulls) >= 3
+    assert pulls == [pytest.approx(surfaces.pull / surfaces.share)] * len(pulls)
 
 
 def odometry_told(scale, told_m, true_m):

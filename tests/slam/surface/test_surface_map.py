@@ -173,6 +173,7 @@ def test_a_door_is_passed_without_a_step(slip):
     assert abs(off.y) < 0.01
 
 
+@pytest.mark.usefixtures("little_room")
 def test_a_map_that_rolls_along_takes_no_more_memory_and_forgets():
     cloud, start = seen(wall(2.0), (0.0, 2.0)), SE2.identity()
     surfaces = SurfaceMap()
