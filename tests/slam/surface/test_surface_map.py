@@ -38,12 +38,6 @@ def match_of(surfaces: SurfaceMap, points: np.ndarray):
     return surfaces.match(points, start, start, np.eye(3))
 
 
-@pytest.fixture
-def little_room(monkeypatch):
-    """Maps that begin with memory for few cells."""
-    monkeypatch.setattr("slam.surface.surface_map._FIRST_ENTRIES", 1024)
-
-
 def test_a_wall_faces_the_laser():
     assert np.allclose(seen(wall(2.0), (0.0, 2.0))[:, 2] % math.tau, math.pi, atol=1e-6)
     assert np.allclose(seen(wall(2.0), (4.0, 2.0))[:, 2], 0.0, atol=1e-6)
@@ -125,7 +119,6 @@ def test_points_make_the_same_surfaces_one_by_one_as_together():
     np.testing.assert_array_equal(first.information, second.information)
 
 
-@pytest.mark.usefixtures("little_room")
 def test_a_cleared_map_is_as_a_new_one():
     surfaces, new = SurfaceMap(), SurfaceMap()
     for k in range(5):
@@ -173,7 +166,6 @@ def test_a_door_is_passed_without_a_step(slip):
     assert abs(off.y) < 0.01
 
 
-@pytest.mark.usefixtures("little_room")
 def test_a_map_that_rolls_along_takes_no_more_memory_and_forgets():
     cloud, start = seen(wall(2.0), (0.0, 2.0)), SE2.identity()
     surfaces = SurfaceMap()
@@ -189,7 +181,6 @@ def test_a_map_that_rolls_along_takes_no_more_memory_and_forgets():
     assert surfaces.searched(cloud, start, 0.6, 0.2) == []
 
 
-@pytest.mark.usefixtures("little_room")
 def test_more_cells_than_there_was_memory_for_are_all_kept():
     surfaces = SurfaceMap()
     clouds = [moved(SE2(5.0 * k, 0.0, 0.0), seen(wall(2.0), (0.0, 2.0))) for k in range(19)]
@@ -340,7 +331,6 @@ def test_each_cell_has_a_place_of_its_own_beside_its_neighbours():
     assert place_of(3, 4) == place_of(3 - SIDE, 4 + SIDE)
 
 
-@pytest.mark.usefixtures("little_room")
 def test_more_points_than_a_map_begins_with_leave_it_as_if_there_had_been_room():
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-20.0, 20.0, (3000, 2)), rng.uniform(-3.0, 3.0, 3000)])
