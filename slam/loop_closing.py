@@ -14,7 +14,8 @@ from slam.frontend.contradictions import passed
 from slam.frontend.keyframes import Keyframe
 from slam.kernels.normal_equations import inverse_of
 from slam.se2 import SE2, wrap_angle
-from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, all_moved
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, all_moved
+from slam.surface.surface_match import SurfaceMatch
 
 _NONE: Set[int] = frozenset()
 _SLIDE = 1.5

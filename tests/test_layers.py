@@ -83,6 +83,7 @@ RANKS = (
     | {"open3d_backend", "lines", "line_extraction", "observability", "drive_adjustment"}
     | {
         "surface_map",
+        "surface_match",
         "surface_cells",
         "map_errors",
         "views",

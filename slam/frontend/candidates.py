@@ -19,7 +19,8 @@ from slam.frontend.strays import apart_m
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch
+from slam.surface.surface_map import SurfaceMap
+from slam.surface.surface_match import SurfaceMatch
 
 _WIDER = 1.5
 """Of a search's reach: matches may slide off from where it looked; farther, they are of something

@@ -28,7 +28,8 @@ from slam.loop_closing import Loop
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced_ends
+from slam.surface.surface_map import SurfaceMap, faced_ends
+from slam.surface.surface_match import SurfaceMatch
 from slam.surface.surface_window import SurfaceWindow
 from slam.surface.views import Glances
 

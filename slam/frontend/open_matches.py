@@ -12,7 +12,8 @@ from slam.arrays import FloatArray
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.strays import apart_m
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch
+from slam.surface.surface_map import SurfaceMap
+from slam.surface.surface_match import SurfaceMatch
 
 LITTLE = 0.01
 """Of the odometry's information, where wheels may be far off."""

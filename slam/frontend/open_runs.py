@@ -16,7 +16,7 @@ from slam.frontend.strays import ToldStep
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMatch
+from slam.surface.surface_match import SurfaceMatch
 from slam.surface.surface_window import SurfaceWindow
 
 _SLID_M = -1.2, -0.8, -0.4, 0.4, 0.8, 1.2

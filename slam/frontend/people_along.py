@@ -18,7 +18,8 @@ from slam.frontend.prediction import Prediction
 from slam.frontend.witnesses import Witnesses
 from slam.kernels.visibility import contradictions
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch, moved
+from slam.surface.surface_map import SurfaceMap, moved
+from slam.surface.surface_match import SurfaceMatch
 
 _LAST, _BEFORE = slice(-12, None), slice(-12, -3)
 """Keyframes asked what is looked through, and those of them since which people have walked on. Chosen: of one a

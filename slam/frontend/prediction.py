@@ -12,7 +12,7 @@ from slam.lazy import lazy
 from slam.odometry import place_sigma_m
 from slam.records import record
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMatch
+from slam.surface.surface_match import SurfaceMatch
 
 _GUESS_RAD = 0.3
 """As `GUESS_M`, of the heading. Chosen."""

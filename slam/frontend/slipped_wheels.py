@@ -15,7 +15,8 @@ from slam.frontend.open_matches import LITTLE
 from slam.frontend.people_along import CLEAN, MOST_FACING, SeenBefore
 from slam.frontend.prediction import Prediction
 from slam.frontend.still_scans import StillScans
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch
+from slam.surface.surface_map import SurfaceMap
+from slam.surface.surface_match import SurfaceMatch
 
 _SPUN, _STILL = (0.15, 0.05), (0.05, 0.02)
 """[m], [rad] by which wheels must lead off where the robot stood, and within which a scan says that it stands.

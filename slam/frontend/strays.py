@@ -22,7 +22,8 @@ from slam.measurements import Measurement
 from slam.odometry import compose_covariance
 from slam.records import record
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch, moved
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, moved
+from slam.surface.surface_match import SurfaceMatch
 
 _LITTLE = 1e-6
 """[m2], [rad2]: wheels that tell of no way at all may be off by a millimetre."""

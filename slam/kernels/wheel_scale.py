@@ -15,6 +15,7 @@ from slam.kernels.normal_equations import (
     lower_root_into,
     solve_by_root,
 )
+from slam.kernels.pose_graph import logarithm
 
 
 @compiled
@@ -74,11 +75,8 @@ def update(
     """
     innovation, root, gain = np.empty(3), np.empty((3, 3)), np.empty(3)
     weighed, joined = np.empty(3), np.empty((3, 3))
-    # the twist of the motion, as `SE2.log`
-    half = 0.5 * theta
-    cotangent = half / math.tan(half) if abs(half) > 1e-8 else 1.0
-    innovation[0], innovation[1] = cotangent * x + half * y, cotangent * y - half * x
-    innovation[2] = theta
+    innovation[0], innovation[1], innovation[2] = x, y, theta
+    logarithm(innovation, innovation)
     ahead = c * innovation[0] + s * innovation[1]
     variance = c * c * covariance[0, 0] + s * s * covariance[1, 1] + 2.0 * c * s * covariance[0, 1]
     along_before = c * across[0] + s * across[1]

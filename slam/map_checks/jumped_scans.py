@@ -27,7 +27,8 @@ from slam.frontend.strays import (
 from slam.map_checks.followers import share_of_way
 from slam.map_checks.scan_jumps import APART_M, jumps_between
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, SurfaceMatch
+from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig
+from slam.surface.surface_match import SurfaceMatch
 from slam.surface.views import Glance
 
 _UNEVEN_M, _WORSE = 0.2, 0.02

@@ -16,7 +16,8 @@ from slam.frontend.prediction import Prediction
 from slam.frontend.slipped_wheels import SlippedWheels
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced
+from slam.surface.surface_map import SurfaceMap, faced
+from slam.surface.surface_match import SurfaceMatch
 from tests.slam.corridors import ANGLES_RAD, DOORS, PILLARS, ROOM, WALLS, mapped, spun
 from tests.slam.frontend.test_open_runs import kept
 from tests.slam.synthetic import box, scan_of

@@ -7,7 +7,8 @@ from slam.frontend.candidates import Candidates
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.prediction import Prediction
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch
+from slam.surface.surface_map import SurfaceMap
+from slam.surface.surface_match import SurfaceMatch
 
 NOWHERE = np.zeros((0, 3))
 

@@ -16,7 +16,8 @@ from slam.frontend.prediction import Prediction
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced
+from slam.surface.surface_map import SurfaceMap, faced
+from slam.surface.surface_match import SurfaceMatch
 from tests.slam.synthetic import box, room, scan_of
 
 BARE = room(-30.0, -1.0, 30.0, 1.0)

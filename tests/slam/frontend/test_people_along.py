@@ -15,7 +15,8 @@ from slam.frontend.people_along import PeopleAlong, SeenBefore
 from slam.frontend.prediction import Prediction
 from slam.measurements import Measurement
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap, SurfaceMatch, faced, moved
+from slam.surface.surface_map import SurfaceMap, faced, moved
+from slam.surface.surface_match import SurfaceMatch
 from tests.slam.corridors import ANGLES_RAD, ROOM, WALLS, mapped, person, spun
 from tests.slam.frontend.test_open_runs import kept
 from tests.slam.synthetic import box, room, scan_of
