@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.kernels import block_pattern as layout
 from slam.kernels import pose_graph as kernels
 
 _LEAST_WEIGHT, _FORGOTTEN_WEIGHT = 1e-5, 1e-6
@@ -35,8 +35,7 @@ class Equations:
         edge_kernels: IntArray,
     ) -> None:
         """is_fixed: (N,); ends: (E, 2); measured: (E, 3); information: (E, 3, 3); kernels: (E,)."""
-        keys = (edge_kernels, *information.reshape(-1, 9).T, *measured.T, ends[:, 1], ends[:, 0])
-        self.order = np.lexsort(keys)
+        self.order = _order(ends, measured, information, edge_kernels)
         self.is_fixed = is_fixed
         self.ends = np.ascontiguousarray(ends[self.order])
         self.measured = np.ascontiguousarray(measured[self.order])
@@ -88,9 +87,25 @@ class System:
         self.unknowns = np.full(len(is_fixed), -1)
         """(N,) place of each node among the unknown ones, -1 of a fixed one."""
         free = np.flatnonzero(~is_fixed)
-        self.unknowns[free] = np.arange(len(free))
-        self.unknowns[free] = _places(*_pattern(self.unknowns[ends], len(free)))
-        self._lay_out(self.unknowns[ends], *_pattern(self.unknowns[ends], len(free)))
+        count = len(free)
+        self.unknowns[free] = np.arange(count)
+        self.unknowns[free] = _places(*layout.pattern_of(self.unknowns[ends], count))
+        between = self.unknowns[ends]
+        indptr, indices = layout.pattern_of(between, count)
+        # a node's columns are as high as its blocks
+        self._strides = np.where(self.unknowns >= 0, 3 * np.diff(indptr)[self.unknowns], 0)
+        self._slots = np.empty((len(ends), 4), dtype=np.int64)
+        self._diagonal_entries = np.empty(3 * count, dtype=np.int64)
+        # SuperLU takes 32 bit indices only
+        self._indptr = np.empty(3 * count + 1, dtype=np.int32)
+        self._indices = np.empty(9 * len(indices), dtype=np.int32)
+        layout.lay_out(
+            between, indptr, indices, self._slots, self._diagonal_entries, self._indptr,
+            self._indices,
+        )  # fmt: skip
+        self._values = np.zeros(9 * len(indices))
+        self.pull = np.zeros(3 * count)
+        self.parents = kernels.elimination_parents(indptr, indices)
 
     def fill(
         self,
@@ -132,42 +147,12 @@ class System:
         result: FloatArray = self._values[self._diagonal_entries]
         return result
 
-    def _lay_out(self, ends: IntArray, indptr: IntArray, indices: IntArray) -> None:
-        """Where each entry lies; a node's columns are as high as its blocks, (E, 2) its unknowns."""
-        count = len(indptr) - 1
-        heights = 3 * np.diff(indptr)
-        columns = np.repeat(np.arange(count), np.diff(indptr))
-        firsts = 9 * indptr[columns] + 3 * (np.arange(len(indices)) - indptr[columns])
-        self._strides = np.where(self.unknowns >= 0, heights[self.unknowns], 0)
-        keys = columns * count + indices
-        a, b = ends.T
-        wanted = np.stack([a * count + a, b * count + b, b * count + a, a * count + b], axis=1)
-        # blocks of fixed nodes are not there; the kernel does not ask for them
-        self._slots = firsts[np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)]
-        diagonals = firsts[np.searchsorted(keys, np.arange(count) * (count + 1))]
-        self._diagonal_entries = (
-            diagonals[:, np.newaxis] + np.arange(3) * (heights + 1)[:, np.newaxis]
-        ).ravel()
-        entries = firsts[:, np.newaxis, np.newaxis] + np.arange(3)
-        entries = (
-            entries + np.arange(3)[:, np.newaxis] * heights[columns][:, np.newaxis, np.newaxis]
-        )
-        # SuperLU takes 32 bit indices only
-        self._indices = np.empty(9 * len(indices), dtype=np.int32)
-        self._indices[entries] = (3 * indices)[:, np.newaxis, np.newaxis] + np.arange(3)
-        self._indptr = np.zeros(3 * count + 1, dtype=np.int32)
-        np.cumsum(np.repeat(heights, 3), out=self._indptr[1:])
-        self._values = np.zeros(9 * len(indices))
-        self.pull = np.zeros(3 * count)
-        self.parents = kernels.elimination_parents(indptr, indices)
-
 
 def is_held(is_fixed: BoolArray, ends: IntArray) -> BoolArray:
     """(N,) nodes that a chain of edges (E, 2) joins to a fixed one."""
-    count = len(is_fixed)
-    links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    _, parts = connected_components(links, directed=False)
-    return np.isin(parts, parts[is_fixed])
+    held = np.empty(len(is_fixed), dtype=np.bool_)
+    layout.held_into(is_fixed, ends, held)
+    return held
 
 
 _OPEN = "the edges of the pose graph leave a direction open: its covariance has no bounds"
@@ -228,12 +213,18 @@ def surprises(
     return np.asarray(np.einsum("ni,nij,nj->n", residuals, joint, residuals))
 
 
-def _pattern(ends: IntArray, count: int) -> tuple[IntArray, IntArray]:
-    """Blocks between unknowns (E, 2), by columns: indptr, indices; both triangles, rows increasing."""
-    a, b = ends[(ends >= 0).all(axis=1)].T
-    diagonal = np.arange(count)
-    keys = np.unique(np.concatenate([diagonal * (count + 1), a * count + b, b * count + a]))
-    return np.searchsorted(keys, np.arange(count + 1) * count), keys % count
+def _order(
+    ends: IntArray, measured: FloatArray, information: FloatArray, edge_kernels: IntArray
+) -> IntArray:
+    """(E,) edges by their ends, those between the same two by all else."""
+    pairs = ends[:, 0] * (ends[:, 1].max(initial=0) + 1) + ends[:, 1]
+    order = np.argsort(pairs, kind="stable")
+    is_same = pairs[order][1:] == pairs[order][:-1]
+    alike = np.append(is_same, False) | np.insert(is_same, 0, False)
+    some = order[alike]
+    keys = (edge_kernels[some], *information[some].reshape(-1, 9).T, *measured[some].T)
+    order[alike] = some[np.lexsort((*keys, pairs[some]))]
+    return order
 
 
 def _places(indptr: IntArray, indices: IntArray) -> IntArray:

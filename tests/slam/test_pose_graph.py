@@ -236,6 +236,27 @@ def test_edges_in_another_order_give_the_same_to_the_bit():
         np.testing.assert_array_equal(a.chi_squares[order], b.chi_squares)
 
 
+def test_edges_between_the_same_two_nodes_in_another_order_give_the_same_to_the_bit():
+    rng = np.random.default_rng(3)
+    ends = [(0, 1), (1, 2), (0, 1), (2, 0), (0, 1), (1, 2), (1, 0), (2, 0)]
+    edges = [(i, j, SE2(*rng.normal(0.0, 0.3, 3)), some_information(rng)) for i, j in ends]
+
+    def solved(order):
+        graph = PoseGraph()
+        for k in range(3):
+            graph.add_node(SE2(0.1 * k, 0.0, 0.0))
+        for k in order:
+            graph.add_edge(*edges[k])
+        return graph.solve()
+
+    first = solved(range(len(edges)))
+    for _ in range(5):
+        order = rng.permutation(len(edges))
+        again = solved(order)
+        np.testing.assert_array_equal(again.poses, first.poses)
+        np.testing.assert_array_equal(again.chi_squares, first.chi_squares[order])
+
+
 def test_chordal_start_needs_no_poses():
     drive = town(3, nodes=300, loops=100)
     graph = drive.graph()
