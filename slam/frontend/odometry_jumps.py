@@ -35,6 +35,8 @@ _BRIEF = 0.5
 _MADE_UP = 0.3
 """Share of a way by which it may differ from the one that the robot would have gone since odometry last
 told of any, to make up for that. Chosen."""
+_TURNS_RAD = 0.02
+"""Chosen: odometry that tells of such a turn on the spot, and of no way, is not silent."""
 _MOST_SILENT = 8.0
 """Times the interval between records; chosen: whoever is silent for longer has stood."""
 
@@ -120,7 +122,8 @@ class OdometryJumps:
     def __init__(self) -> None:
         self._steps: deque[_Step] = deque(maxlen=_STEPS)
         self._intervals = _Intervals()
-        self._last_s, self._told_s, self._in_a_row = math.inf, math.inf, 0
+        self._last_s, self._in_a_row = math.inf, 0
+        self._driven_s, self._told_s = math.inf, math.inf
         self._velocity_mps, self._interval_s = (0.0, 0.0), math.inf
         self._was_back = False
         self._begun: list[_Step] = []
@@ -134,13 +137,14 @@ class OdometryJumps:
         time_s, motion = measurement.time_s, measurement.motion
         late_s = _LATE * self._interval_s
         is_timed = self._take_time(time_s)
-        silent_s = time_s - self._told_s
-        step = _Step(time_s, self._interval_s, motion)
+        step, silent_s = _Step(time_s, self._interval_s, motion), time_s - self._told_s
+        if step.way_m >= _MOVES_M or abs(motion.theta) > _TURNS_RAD:
+            self._told_s = time_s
         if step.way_m < _MOVES_M:
-            if silent_s > _MOST_SILENT * step.elapsed_s:
+            if time_s - self._driven_s > _MOST_SILENT * step.elapsed_s:
                 self._velocity_mps = 0.0, 0.0
             return JudgedMotion(measurement)
-        self._told_s = time_s
+        self._driven_s = time_s
         # it may have jumped all the same: where walls look the same, nobody would notice
         is_late = is_blind and self._makes_up(step, silent_s)
         step = replace(step, elapsed_s=silent_s) if is_late else step

@@ -289,6 +289,23 @@ def test_late_odometry_that_makes_up_for_its_silence_has_not_jumped(silent):
         assert sigmas_m(motions)[10 + silent] > 0.3
 
 
+@pytest.mark.parametrize(("turn_rad", "is_silent"), [(0.3, False), (-0.3, False), (0.01, True)])
+def test_a_robot_that_turned_on_the_spot_makes_up_for_nothing_as_it_drives_on(turn_rad, is_silent):
+    # among trees and houses it was said that odometry jumped, and the map failed: it had turned once, unseen
+    motions = [STEP] * 10 + [SE2(0.0, 0.0, turn_rad), STEP]
+    # scans are as far apart as the ways between are long
+    judged = judged_each(motions, [0.5] * 10 + [0.05, 0.5], is_blind=True)
+    assert [one.has_jumped for one in judged] == [False] * 11 + [is_silent]
+    assert judged[-1].measurement.motion == STEP
+
+
+def test_a_robot_that_turns_on_the_spot_for_long_does_not_drive_on():
+    turn = SE2(0.0, 0.0, 0.3)
+    for count, x in ((4, STEP.x), (12, 0.0)):
+        motions = [STEP] * 10 + [turn] * count + [SE2(3.0, 0.0, 0.0)]
+        assert judged_each(motions)[-1].measurement.motion.x == pytest.approx(x)
+
+
 def test_a_robot_that_has_stood_for_long_makes_up_for_nothing():
     motions = [STEP] * 10 + [SE2.identity()] * 8 + [SE2(1.8, 0.0, 0.0)]
     assert sigmas_m(motions, is_blind=True)[-1] > 1.0
