@@ -12,8 +12,9 @@ import numpy as np
 from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.contradictions import passed
 from slam.frontend.keyframes import Keyframe
+from slam.kernels.near_keyframes import seen_before
 from slam.kernels.normal_equations import inverse_of
-from slam.se2 import SE2, wrap_angle
+from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, all_moved
 from slam.surface.surface_match import SurfaceMatch
 
@@ -110,7 +111,7 @@ class LoopCloser:
         their poses are as seen from the others [m], [rad]; or (K,) of each of these. loose_m: (K,) of
         those that leave open how far along they lie, see `Looseness`.
         """
-        sigma_m, sigma_rad = (np.broadcast_to(one, len(keyframes)) for one in sigma)
+        sigma_m, sigma_rad = (np.array(np.broadcast_to(one, len(keyframes))) for one in sigma)
         loose_m = np.zeros(len(keyframes)) if loose_m is None else loose_m
         loops = [
             self.verified(
@@ -133,35 +134,31 @@ class LoopCloser:
         others: range | None = None,
     ) -> list[tuple[int, int]]:
         """Pairs (earlier, later) of keyframes that may have seen the same place."""
-        config = self.config
-        ways_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        # nobody knows how far the robot went between two sessions
-        for session in range(1, keyframes[-1].session + 1 if keyframes else 0):
-            start = bisect_left(keyframes, session, key=lambda keyframe: keyframe.session)
-            ways_m[start - 1 : start] += config.least_way_m
-        way_m = np.concatenate([[0.0], np.cumsum(ways_m)])
-        radius_m = config.radius_m + np.minimum(2.0 * sigma_m, config.max_search_m)
+        config, sessions = self.config, keyframes[-1].session if keyframes else 0
+        starts = [
+            bisect_left(keyframes, session, key=lambda keyframe: keyframe.session)
+            for session in range(1, sessions + 1)
+        ]
+        others = range(len(keyframes)) if others is None else others
+        near, away_m = np.empty(len(keyframes), np.int64), np.empty(len(keyframes))
         pairs: list[tuple[int, int]] = []
         for later in asked:
             if keyframes[later].is_place_alone:
                 continue
-            off_m = np.hypot(*(poses[:later, :2] - poses[later, :2]).T)
-            is_far_back = way_m[later] - way_m[:later] > config.least_way_m
-            is_asked = (off_m <= radius_m[:later]) & is_far_back
-            if others is not None:
-                is_asked[: others.start] = is_asked[others.stop :] = False
-            near = np.flatnonzero(is_asked)
-            off_m = off_m[near]
-            turned_rad = np.abs(wrap_angle(poses[near, 2] - poses[later, 2]))
-            rest = near[np.argsort(off_m + 0.5 * turned_rad, kind="stable")]
+            count = seen_before(
+                poses, later, np.array(starts, np.int64), config.least_way_m, config.radius_m,
+                sigma_m, config.max_search_m, others.start, others.stop, near, away_m,
+            )  # fmt: skip
+            # of two that are as far, the earlier one
+            order = np.argsort(away_m[:count][::-1], kind="stable")
+            rest = near[:count][::-1][order].tolist()
             for _ in range(config.most):
-                seen = (at for at, k in enumerate(rest.tolist()) if not keyframes[k].is_place_alone)
+                seen = (at for at, k in enumerate(rest) if not keyframes[k].is_place_alone)
                 if (at := next(seen, None)) is None:
                     break
-                earlier = int(rest[at])
+                earlier = rest[at]
                 pairs.append((earlier, later))
-                rest = rest[at + 1 :]
-                rest = rest[np.abs(rest - earlier) > config.apart]
+                rest = [k for k in rest[at + 1 :] if abs(k - earlier) > config.apart]
         return pairs
 
     def verified(

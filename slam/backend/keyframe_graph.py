@@ -10,9 +10,10 @@ from slam.arrays import FloatArray, IntArray
 from slam.backend.looseness import Looseness
 from slam.frontend.keyframes import Keyframe
 from slam.kernels.graph_ways import ways_from
+from slam.kernels.near_keyframes import alike
 from slam.loop_closing import Loop, without_ties
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
-from slam.se2 import SE2, wrap_angle
+from slam.se2 import SE2
 from slam.slam_map import add_loop, add_step, graph_of
 
 _TORN_M = 100.0
@@ -98,11 +99,9 @@ class KeyframeGraph:
 
     def is_crowded(self, index: int, near: tuple[float, float], most: int) -> bool:
         """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
-        x_m, y_m, theta = self.poses.T
-        off_m2 = (x_m - x_m[index]) ** 2 + (y_m - y_m[index]) ** 2
-        beside = np.flatnonzero(off_m2 < near[0] ** 2)
-        alike = beside[np.abs(wrap_angle(theta[beside] - theta[index])) < near[1]]
-        return sum(not self.keyframes[k].is_place_alone for k in alike.tolist()) > most
+        found = np.empty(len(self), np.int64)
+        count = alike(self.poses, index, *near, found)
+        return sum(not self.keyframes[k].is_place_alone for k in found[:count].tolist()) > most
 
     def take(self, loops: Sequence[Loop]) -> None:
         """More loops."""

@@ -17,7 +17,7 @@ class Looseness:
     that do not; keyframe by keyframe."""
 
     def __init__(self, keyframes: Sequence[Keyframe] = (), open_: Collection[int] = ()) -> None:
-        self._sigmas_m = list[float]()
+        self._count, self._sigmas_m = 0, np.zeros(16)  # longer than filled, and doubled when full
         self._ways_m2 = [0.0]
         for k, keyframe in enumerate(keyframes):
             self.take(keyframe, k in open_)
@@ -25,17 +25,19 @@ class Looseness:
     @property
     def sigmas_m(self) -> FloatArray:
         """(K,) standard deviation of each; 0 of those that leave nothing open."""
-        return np.array(self._sigmas_m)
+        return self._sigmas_m[: self._count].copy()
 
     def take(self, keyframe: Keyframe, is_open: bool) -> None:
         """The next keyframe."""
+        if self._count == len(self._sigmas_m):
+            self._sigmas_m = np.concatenate([self._sigmas_m, np.zeros(self._count)])
         way_m2 = self._ways_m2[-1] + place_sigma_m(keyframe.covariance) ** 2
         if is_open:  # until one tells it from the other end
             self._ways_m2.append(way_m2)
-            self._sigmas_m.append(math.sqrt(way_m2))
-            return
-        run_m2 = np.array(self._ways_m2[1:])
-        first = len(self._sigmas_m) - len(run_m2)
-        self._sigmas_m[first:] = np.sqrt(run_m2 * (way_m2 - run_m2) / way_m2).tolist()
-        self._sigmas_m.append(0.0)
-        self._ways_m2 = [0.0]
+            self._sigmas_m[self._count] = math.sqrt(way_m2)
+        else:
+            run_m2 = np.array(self._ways_m2[1:])
+            run = slice(self._count - len(run_m2), self._count)
+            self._sigmas_m[run] = np.sqrt(run_m2 * (way_m2 - run_m2) / way_m2)
+            self._ways_m2 = [0.0]
+        self._count += 1
