@@ -114,6 +114,7 @@ RANKS = (
         "open_matches",
         "candidates",
         "people_along",
+        "seen_before",
         "prediction",
         "slipped_wheels",
         "still_scans",

@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.frontend.contradictions import passed
-from slam.frontend.front_end_config import GUESS_M, FrontEndConfig
+from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.open_matches import LITTLE, closed_match
-from slam.frontend.people_along import SeenBefore
 from slam.frontend.prediction import Prediction
+from slam.frontend.seen_before import LastSeen
 from slam.frontend.strays import apart_m
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.se2 import SE2
-from slam.surface.surface_map import SurfaceMap
 from slam.surface.surface_match import SurfaceMatch
 
 _WIDER = 1.5
@@ -35,15 +33,9 @@ front end's time."""
 class Candidates:
     """Matches of a scan with the surfaces that the last keyframes saw."""
 
-    def __init__(
-        self,
-        surfaces: SurfaceMap,
-        keyframes: Sequence[Keyframe],
-        config: FrontEndConfig,
-        scratch: SurfaceMap,
-    ) -> None:
-        self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
-        self._scratch = scratch
+    def __init__(self, last: LastSeen) -> None:
+        self._last, self._surfaces = last, last.surfaces
+        self._keyframes, self._config = last.keyframes, last.config
 
     def led(self, points: FloatArray, beams: Beams, told: Prediction) -> SurfaceMatch:
         """The match of faced points (N, 3) of a scan where the wheels lead."""
@@ -60,7 +52,7 @@ class Candidates:
             if held.cost < match.cost + (config.better_against if is_denied else config.better):
                 match = held
         if match.least_facing < config.least_facing:
-            before = SeenBefore(self._keyframes, points, beams, config, self._scratch)
+            before = self._last.before(points, beams)
             match = closed_match(
                 self._surfaces, points, T_predicted, told.odometry, match, config, told.noise,
                 # walls that wheels slip along, or tell late of, were there

@@ -19,6 +19,7 @@ from slam.frontend.open_runs import OpenRun
 from slam.frontend.pauses import Pauses
 from slam.frontend.people_along import PeopleAlong
 from slam.frontend.prediction import Prediction
+from slam.frontend.seen_before import LastSeen
 from slam.frontend.slipped_wheels import SlippedWheels
 from slam.frontend.strays import ToldStep, apart_m, told_step
 from slam.frontend.wheel_scale import ScaledStep, WheelScale
@@ -28,7 +29,7 @@ from slam.loop_closing import Loop
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.straightening import Straightener
-from slam.surface.surface_map import SurfaceMap, faced_ends
+from slam.surface.surface_map import faced_ends
 from slam.surface.surface_match import SurfaceMatch
 from slam.surface.surface_window import SurfaceWindow
 from slam.surface.views import Glances
@@ -48,10 +49,9 @@ class FrontEnd:
         self.T_map_base = SE2.identity()
         self.ties: list[Loop] = []
         self._window = SurfaceWindow(self.config.window, self.config.surfaces)
-        scratch = SurfaceMap(self.config.surfaces)
-        known = self._window.surfaces, self.keyframes, self.config, scratch
-        self._candidates, self._people = Candidates(*known), PeopleAlong(*known)
-        self._slipped_wheels = SlippedWheels(*known)
+        last = LastSeen(self._window.surfaces, self.keyframes, self.config)
+        self._candidates, self._people = Candidates(last), PeopleAlong(last)
+        self._slipped_wheels = SlippedWheels(last)
         self._open_run = OpenRun(self.config)
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
-from slam.frontend.front_end_config import FrontEndConfig
-from slam.frontend.keyframes import Keyframe
 from slam.frontend.open_matches import LITTLE
-from slam.frontend.people_along import CLEAN, MOST_FACING, SeenBefore
+from slam.frontend.people_along import CLEAN, MOST_FACING
 from slam.frontend.prediction import Prediction
+from slam.frontend.seen_before import LastSeen
 from slam.frontend.still_scans import StillScans
-from slam.surface.surface_map import SurfaceMap
 from slam.surface.surface_match import SurfaceMatch
 
 _SPUN, _STILL = (0.15, 0.05), (0.05, 0.02)
@@ -42,15 +39,9 @@ _FACING, _THING_M = 0.7, 0.75
 class SlippedWheels:
     """Matches against wheels that spun or slipped, with the surfaces that the last keyframes saw."""
 
-    def __init__(
-        self,
-        surfaces: SurfaceMap,
-        keyframes: Sequence[Keyframe],
-        config: FrontEndConfig,
-        scratch: SurfaceMap,
-    ) -> None:
-        self._surfaces, self._keyframes, self._config = surfaces, keyframes, config
-        self._scratch = scratch
+    def __init__(self, last: LastSeen) -> None:
+        self._last, self._surfaces = last, last.surfaces
+        self._keyframes, self._config = last.keyframes, last.config
         self.still = StillScans()
         self._has_way = False
 
@@ -67,8 +58,7 @@ class SlippedWheels:
             alone = self._slipped(points, told, led)
         if alone is None:
             return None
-        before = SeenBefore(self._keyframes, points, beams, self._config, self._scratch)
-        if before.are_people(alone, told.T_map_base):
+        if self._last.before(points, beams).are_people(alone, told.T_map_base):
             return None
         T_start, loose = alone.T_map_base, LITTLE * told.odometry
         return self._surfaces.match(points, T_start, told.T_map_base, loose)

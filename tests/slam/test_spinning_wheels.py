@@ -11,8 +11,8 @@ from slam.beams import Beams
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe, StepStatus
-from slam.frontend.people_along import SeenBefore
 from slam.frontend.prediction import Prediction
+from slam.frontend.seen_before import LastSeen, SeenBefore
 from slam.frontend.slipped_wheels import SlippedWheels
 from slam.measurements import Measurement
 from slam.se2 import SE2
@@ -156,7 +156,7 @@ def against(
     rng = np.random.default_rng(1)
     known = [kept(DOORS, SE2(-0.25 * k, 0.0, 0.0), rng) for k in (3, 2, 1, 0)]
     keyframes = known if keyframes is None else keyframes
-    wheels = SlippedWheels(surfaces, keyframes, FrontEndConfig(), SurfaceMap())
+    wheels = SlippedWheels(LastSeen(surfaces, keyframes, FrontEndConfig()))
     last, beams = (
         Beams.of(scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.0, ANGLES_RAD, 8.0), SE2.identity())
         for x in (0.0, true_m)

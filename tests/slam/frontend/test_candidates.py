@@ -6,6 +6,7 @@ import pytest
 from slam.frontend.candidates import Candidates
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.prediction import Prediction
+from slam.frontend.seen_before import LastSeen
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap
 from slam.surface.surface_match import SurfaceMatch
@@ -32,7 +33,7 @@ def match(x_m: float, cost: float) -> SurfaceMatch:
 def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
     monkeypatch, off_m, sigma_m, is_coasting, is_believed
 ):
-    candidates = Candidates(SurfaceMap(), [], FrontEndConfig(), SurfaceMap())
+    candidates = Candidates(LastSeen(SurfaceMap(), [], FrontEndConfig()))
     # where wheels lead the last keyframes deny a scan, at the other place they do not
     denied = {0.0: (100, 32), off_m: (100, 4)}
     monkeypatch.setattr(candidates, "denied", lambda pose, *_: denied[pose.x])
@@ -50,7 +51,7 @@ def test_wheels_that_are_a_guess_know_how_far_off_they_may_be(
 def test_wheels_that_hardly_know_are_no_better_than_that_the_robot_goes_on(
     monkeypatch, usual_m, sigma_m, is_believed
 ):
-    candidates = Candidates(SurfaceMap(), [], FrontEndConfig(), SurfaceMap())
+    candidates = Candidates(LastSeen(SurfaceMap(), [], FrontEndConfig()))
     monkeypatch.setattr(candidates, "denied", lambda *_: (100, 4))
     P, here = np.eye(3) * sigma_m**2, SE2.identity()
     told = Prediction(here, here, P, np.linalg.inv(P), 1.0, is_coasting=False)

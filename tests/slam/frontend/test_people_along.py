@@ -11,8 +11,9 @@ from slam.frontend.candidates import Candidates
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.people_along import PeopleAlong, SeenBefore
+from slam.frontend.people_along import PeopleAlong
 from slam.frontend.prediction import Prediction
+from slam.frontend.seen_before import LastSeen, SeenBefore
 from slam.measurements import Measurement
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap, faced, moved
@@ -102,7 +103,7 @@ def test_where_wheels_surely_lead_a_scan_lies_if_it_fits_there_all_but_for_peopl
     told = Prediction(last, led, covariance, information, 1.0, is_coasting=False)
     bare = room(-30.0, -1.0, 30.0, 1.0)
     before = [kept(bare, SE2(x, 0.0, 0.0), rng) for x in np.arange(-4.0, 0.1, 0.5)]
-    match = Candidates(surfaces, before, CONFIG, SurfaceMap()).led(points, beams, told)
+    match = Candidates(LastSeen(surfaces, before, CONFIG)).led(points, beams, told)
     assert match.T_map_base.is_near(led, 0.1, 0.02) is is_led
 
 
@@ -284,7 +285,7 @@ def test_people_who_draw_scans_little_by_little(
     told = Prediction(last, led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     since = replace(told, T_map_base=SE2(0.2, 0.0, 0.0))
     match = Alone(SE2(0.17, 0.0, 0.0)).match(None, led)
-    asked = PeopleAlong(Alone(alone, cost), [], CONFIG, SurfaceMap())
+    asked = PeopleAlong(LastSeen(Alone(alone, cost), [], CONFIG))
     assert asked.have_drawn(np.zeros((0, 3)), None, told, since, match) is are_people
 
 
@@ -298,7 +299,7 @@ def test_walls_tell_what_lies_across_the_way_that_people_drew_a_scan_aside():
     led, P = SE2(0.3, 0.1, 0.1), 0.01**2 * np.eye(3)
     since = Prediction(SE2.identity(), led, P, np.linalg.inv(P), 1.0, is_coasting=False)
     drawn = Alone(SE2.identity()).match(None, led)
-    held = PeopleAlong(surfaces, [], CONFIG, SurfaceMap()).held_along(points, since, drawn)
+    held = PeopleAlong(LastSeen(surfaces, [], CONFIG)).held_along(points, since, drawn)
     assert held.T_map_base.is_near(SE2(0.3, 0.0, 0.0), 0.05, 0.02)
 
 
