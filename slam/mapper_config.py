@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from slam.arrays import FloatArray
 from slam.backend.joint_adjustment import AdjustmentConfig
 from slam.backend.session_joining import JoiningConfig
 from slam.frontend.front_end_config import FrontEndConfig
@@ -52,3 +55,9 @@ class MapperConfig:
     patient_inlier_ratio: float = 0.78
     is_odometry_doubted: bool = False
     range_offset_m: float = 0.0
+
+    def drifted(self, ways_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """By how much keyframes may lie otherwise (K,) [m], (K,) [rad] at the end of such ways (K,)."""
+        sigma_m = np.minimum(self.start_m + self.drift_m * ways_m, self.most_drift[0])
+        sigma_rad = np.minimum(self.start_rad + self.drift_rad * ways_m, self.most_drift[1])
+        return sigma_m, sigma_rad

@@ -151,6 +151,7 @@ RANKS = (
     },
     {"localization", "known_map", "mapping", "map_session", "session_joining", "joint_adjustment"}
     | {"slam_map", "slam_map_files", "warm_up", "mapper_config", "keyframe_graph", "rescaling"}
+    | {"drive", "hindsight", "finishing", "objections"}
     | {"hanging_pieces", "open_ways", "wheels_borne_out", "scan_places"}
     | {"weak_steps", "there_and_back", "moved_things", "breaks_borne_out"}
     | {"lone_loops", "ways_over_breaks", "shown_jumps", "range_offset"},

@@ -13,10 +13,8 @@ from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.session_joining import SessionJoiner, set_aside
 from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.loop_closing import LoopCloser, without_ties
-from slam.map_checks.hanging_pieces import hanging_pieces
-from slam.map_checks.map_consistency import do_contradict, judged
-from slam.map_checks.map_drift import between_m, too_far_adrift
-from slam.map_checks.moved_things import moved_things
+from slam.map_checks.map_consistency import do_contradict
+from slam.map_checks.map_drift import between_m
 from slam.mapper_config import MapperConfig
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
@@ -157,18 +155,3 @@ class MapSession:
         if self.first == len(keyframes) and len(steps) > self.first_step > 0:
             return [f"session {self.number + 1} has no scan that tells anything"]
         return []
-
-
-def objections_of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:
-    """What the drives themselves said against a map that is continued: its scans are judged anew, and
-    how far it drifted, what hangs, and what was moved; how far a robot went between walls that look the same nobody can say later."""
-    if slam_map.verdict.is_good:
-        return []
-    told = slam_map.keyframes, slam_map.poses, slam_map.loops, slam_map.rejected
-    anew = (
-        *judged(*told, config.consistency).reasons,
-        *too_far_adrift(slam_map.drift_m, slam_map.poses),
-        *hanging_pieces(slam_map, config.front_end.break_sigma),
-        *moved_things(slam_map, config.front_end),
-    )
-    return [reason for reason in slam_map.verdict.reasons if reason not in anew]

@@ -196,7 +196,7 @@ def test_mapper_can_be_sent_elsewhere_in_the_middle_of_its_search(first):
     config = MapperConfig(joining=JoiningConfig(work=5.0))
     mapper = Mapper.continued(first, ring.T_BASE_LASER, config=config)
     measurements = iter(ring.drive(SECOND, np.random.default_rng(1)))
-    while mapper._session._joiner._task is None:
+    while mapper._drive.session._joiner._task is None:
         mapper.update(next(measurements))
     elsewhere = pickle.loads(pickle.dumps(mapper))
     for one in measurements:
@@ -304,7 +304,7 @@ def test_scans_are_seen_from_keyframes_of_their_own_session_whatever_was_kept_of
     mapper = Mapper.continued(replace(first, steps=()), ring.T_BASE_LASER, true)
     for measurement in ring.drive(SECOND[:6], np.random.default_rng(1)):
         mapper.update(measurement)
-    assert min(step.keyframe for step in mapper._steps) == count
+    assert min(step.keyframe for step in mapper._drive.steps) == count
 
 
 def test_a_session_without_a_scan_that_sees_is_continued():
@@ -323,7 +323,7 @@ def test_a_keyframe_aside_is_put_back_if_it_is_of_the_session(first, is_of_first
     mapper = Mapper.continued(first, ring.T_BASE_LASER, start, config)
     for measurement in ring.drive(SECOND[:40], np.random.default_rng(1)):
         mapper.update(measurement)
-    graph, off = mapper._graph, SE2(0.0, 0.6, 0.0)
+    graph, off = mapper._drive.graph, SE2(0.0, 0.6, 0.0)
     assert len(graph) > count + 24
     at = count - 8 if is_of_first else count + 20
     keyframes, poses = list(graph.keyframes), graph.poses
@@ -339,7 +339,7 @@ def test_a_keyframe_aside_is_put_back_if_it_is_of_the_session(first, is_of_first
     assert not slam_map.keyframes[at + 1].is_place_alone
     off_m = float(np.hypot(*(slam_map.poses[at] - before)[:2]))
     assert off_m == pytest.approx(0.6 if is_of_first else 0.0, abs=0.1)
-    slopes = [step.slope for step in mapper._front_end.scaled_steps]
+    slopes = [step.slope for step in mapper._drive.front_end.scaled_steps]
     own = () if is_of_first else (at - count, at + 1 - count)
     # a second look takes those that leave the way open by the wheels as well: one, earlier
     still = [k for k, slope in enumerate(slopes) if k > 14 and not slope.any()]

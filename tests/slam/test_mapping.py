@@ -476,8 +476,8 @@ def test_odometry_is_judged_by_whether_the_last_scan_told_anything(monkeypatch):
     statuses = [mapper.update(measurement).status for measurement in measurements]
     assert statuses[21:30] == [StepStatus.CARRIED] * 9
     assert told == [False] + [one is StepStatus.CARRIED for one in statuses[:-1]]
-    (run,) = mapper._front_end.loose_runs.ended
-    assert {scan.trust for scan in run.scans} == {60.0 * mapper._front_end.wheel_scale.noise}
+    (run,) = mapper._drive.front_end.loose_runs.ended
+    assert {scan.trust for scan in run.scans} == {60.0 * mapper._drive.front_end.wheel_scale.noise}
 
 
 def test_ties_do_not_tell_a_way_that_nobody_measured():
@@ -489,7 +489,9 @@ def test_ties_do_not_tell_a_way_that_nobody_measured():
     last = len(made.keyframes) - 1
     step = SE2.from_array(made.poses[0]).inverse() @ SE2.from_array(made.poses[last])
     tie = Loop(0, last, step, 1e8 * np.eye(3), 1.0, 0.0, is_tie=True)
-    loose_m = mapper._session.between_m(replace(made, loops=()), 0, last)
-    assert mapper._session.between_m(replace(made, loops=(tie,)), 0, last) == loose_m
+    loose_m = mapper._drive.session.between_m(replace(made, loops=()), 0, last)
+    assert mapper._drive.session.between_m(replace(made, loops=(tie,)), 0, last) == loose_m
     seen_again = replace(tie, is_tie=False)
-    assert mapper._session.between_m(replace(made, loops=(seen_again,)), 0, last) < 0.1 * loose_m
+    assert (
+        mapper._drive.session.between_m(replace(made, loops=(seen_again,)), 0, last) < 0.1 * loose_m
+    )

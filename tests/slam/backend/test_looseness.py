@@ -108,12 +108,12 @@ def test_the_mapper_tells_loops_which_keyframes_lie_loosely(monkeypatch, tmp_pat
 
 def test_a_session_says_nothing_of_how_the_one_before_it_ended():
     slam_map = mapped(30)
-    graph = Mapper.continued(slam_map, SE2.identity(), SE2.identity())._graph
+    graph = Mapper.continued(slam_map, SE2.identity(), SE2.identity())._drive.graph
     before = graph.looseness.sigmas_m
     assert before[-1] > 0.05
     mapper = Mapper.continued(slam_map, SE2.identity(), SE2.identity())
     for measurement in driven()[:3]:
         mapper.update(measurement)
-    after = mapper._graph.looseness.sigmas_m
+    after = mapper._drive.graph.looseness.sigmas_m
     assert len(after) > len(before)
     assert after[: len(before)] == pytest.approx(before, rel=1e-3)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slam import mapping
+from slam.backend import hindsight
 from slam.beams import Beams
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.strays import (
@@ -183,14 +183,14 @@ def test_two_that_strayed_together_where_nothing_measured_the_way_may_have(
 def test_scan_that_may_have_strayed_is_kept_in_a_crowd():
     """none 1537, a ring of corridors with people: 0.54 m off, and no scan to look at once more."""
     mapper = driven()
-    mapper.config = replace(mapper.config, crowd=0)
-    poses = mapper._graph.poses.copy()
+    mapper._drive.config = replace(mapper.config, crowd=0)
+    poses = mapper._drive.graph.poses.copy()
     poses[AT] = (SE2.from_array(poses[AT]) @ BESIDE).as_array()
-    mapper._graph.set_poses(poses)
-    mapper._thin_crowd(AT)
-    assert not mapper._graph.keyframes[AT].is_place_alone
-    mapper._thin_crowd(AT - 20)
-    assert mapper._graph.keyframes[AT - 20].is_place_alone
+    mapper._drive.graph.set_poses(poses)
+    mapper._drive.thin_crowd(AT)
+    assert not mapper._drive.graph.keyframes[AT].is_place_alone
+    mapper._drive.thin_crowd(AT - 20)
+    assert mapper._drive.graph.keyframes[AT - 20].is_place_alone
 
 
 def test_keyframe_that_fits_on_the_way_once_all_is_adjusted_is_put_back_then(monkeypatch):
@@ -198,7 +198,7 @@ def test_keyframe_that_fits_on_the_way_once_all_is_adjusted_is_put_back_then(mon
     mapper, rng = Mapper(ring.T_BASE_LASER), np.random.default_rng(0)
     for one in ring.drive(ring.way(0.5), rng):
         mapper.update(replace(one, motion=SE2.identity(), motion_covariance=100.0 * GUESS))
-    graph = mapper._graph
+    graph = mapper._drive.graph
     keyframes, before = list(graph.keyframes), graph.poses.copy()
     for k, T_before in (
         (AT, keyframes[AT].T_before @ BESIDE),
@@ -215,7 +215,7 @@ def test_keyframe_that_fits_on_the_way_once_all_is_adjusted_is_put_back_then(mon
         asked.append(len(asked))
         return put_strays_back(*args) if len(asked) > 1 else {}
 
-    monkeypatch.setattr(mapping, "put_strays_back", put_back_later)
+    monkeypatch.setattr(hindsight, "put_strays_back", put_back_later)
     slam_map = mapper.finish()
     assert len(asked) == 2
     assert np.hypot(*(slam_map.poses[AT] - before[AT])[:2]) < 0.1

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.backend.hindsight import right_strays
 from slam.frontend.keyframes import FrontEndStep, StepStatus
 from slam.frontend.strays import ToldStep
 from slam.map_checks.followers import with_followers_left
@@ -82,14 +83,18 @@ def by_scans_alone() -> Mapper:
 def test_mapper_puts_a_keyframe_back_without_the_scans_that_follow_it():
     """none 102012, offices: two scans 0.3 m off, since their keyframe had been, and was not any more."""
     mapper = by_scans_alone()
-    steps, front_end, poses = mapper._steps, mapper._front_end, mapper._graph.poses.copy()
+    steps, front_end, poses = (
+        mapper._drive.steps,
+        mapper._drive.front_end,
+        mapper._drive.graph.poses.copy(),
+    )
     followers = [at for at, one in enumerate(steps) if one.keyframe == AT and not one.is_keyframe]
     assert followers
     right = [steps[at].placed(poses) for at in followers]
     T_right = SE2.from_array(poses[AT])
     T_drawn = T_right @ SE2(-0.5, 0.0, 0.0)
     poses[AT] = T_drawn.as_array()
-    mapper._graph.renew(mapper._graph.keyframes, [], poses)
+    mapper._drive.graph.renew(mapper._drive.graph.keyframes, [], poses)
     back = T_drawn.between(T_right)
     for at in followers:
         steps[at] = replace(steps[at], T_keyframe_base=back @ steps[at].T_keyframe_base)
@@ -97,11 +102,11 @@ def test_mapper_puts_a_keyframe_back_without_the_scans_that_follow_it():
         one._replace(T_keyframe_base=back @ one.T_keyframe_base)
         for one in front_end.glances[AT].kept
     ]
-    mapper._put_strays_back()
-    poses = mapper._graph.poses
+    right_strays(mapper._drive)
+    poses = mapper._drive.graph.poses
     assert SE2.from_array(poses[AT]).is_near(T_right, 0.03, 0.01)
     for at, T in zip(followers, right, strict=True):
-        assert mapper._steps[at].placed(poses).is_near(T, 0.01, 0.01)
+        assert mapper._drive.steps[at].placed(poses).is_near(T, 0.01, 0.01)
     # what they saw is where they are
-    ways = {mapper._steps[at].T_keyframe_base for at in followers}
+    ways = {mapper._drive.steps[at].T_keyframe_base for at in followers}
     assert {one.T_keyframe_base for one in front_end.glances[AT].kept} == ways

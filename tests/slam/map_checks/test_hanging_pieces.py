@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam import SE2
-from slam.backend.map_session import objections_of_drives
+from slam.backend.objections import objections_of_drives
 from slam.beams import Beams
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus

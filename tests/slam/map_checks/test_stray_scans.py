@@ -126,7 +126,7 @@ def test_a_map_asks_wheels_as_noisy_as_its_keyframes_show_them(monkeypatch, is_d
         asked.append(given[-1])
         return with_scans_put_back(*given)
 
-    monkeypatch.setattr("slam.mapping.with_scans_put_back", noted)
+    monkeypatch.setattr("slam.backend.finishing.with_scans_put_back", noted)
     mapper = Mapper(ring.T_BASE_LASER, MapperConfig(is_odometry_doubted=is_doubted))
     for measurement in ring.drive(ring.way(0.3)[:60], np.random.default_rng(0), 1.0, 1.0):
         mapper.update(measurement)
@@ -141,7 +141,7 @@ def test_scan_put_back_takes_what_it_saw_along():
     mapper = Mapper(ring.T_BASE_LASER)
     for measurement in measurements:
         mapper.update(measurement)
-    steps, glances = mapper._steps, mapper._front_end.glances
+    steps, glances = mapper._drive.steps, mapper._drive.front_end.glances
     at, glance = next(
         (at, glance)
         for at, step in enumerate(steps[20:], start=20)

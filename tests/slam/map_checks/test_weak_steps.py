@@ -247,7 +247,7 @@ def test_a_map_has_weak_steps_loosened_once_however_often_it_is_asked_for():
     mapper = Mapper(ring.T_BASE_LASER)
     for measurement in cluttered_drive():
         mapper.update(measurement)
-    sure = [one.covariance for one in mapper._front_end.keyframes]
+    sure = [one.covariance for one in mapper._drive.front_end.keyframes]
     first, second = ([one.covariance for one in mapper.finish().keyframes] for _ in range(2))
     loose = [k for k in range(len(sure)) if first[k][0, 0] > 2.0 * sure[k][0, 0]]
     assert loose
