@@ -14,6 +14,11 @@ from experiments.trial_log import locked
 
 _UNFINISHED = ".kitasap-unfinished"
 """Folder among results for those that are not all written yet."""
+_SUFFIXES = {
+    *(".json", ".jsonl", ".tum", ".kitasap", ".ply", ".g2o"),
+    *(".yaml", ".pgm", ".png", ".svg"),
+}
+"""Of files of results."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -45,7 +50,7 @@ def results_of_one(folder: Path, *experiments: str) -> Iterator[None]:
 
     experiments: as summary.json calls those whose results may be written over.
     Raises ValueError for a folder of trials, or of other results, for a file, or if another command is
-    at work there; OSError, naming the folder, where nothing can be written.
+    at work there; OSError, naming it, where nothing can be written, or a folder is in the place of a file.
     """
     _check_results(folder, experiments)
     made = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -77,6 +82,10 @@ def naming(path: Path) -> Iterator[None]:
 
 def _check_results(folder: Path, experiments: tuple[str, ...]) -> None:
     checked_beside_runs(folder)
+    # told now: once all is done, nothing could be written
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if path.suffix in _SUFFIXES:
+            check_is_no_folder(path)
     if (folder / "summary.json").exists():
         there = _experiment_of(folder)
         if there not in experiments:

@@ -53,6 +53,11 @@ def run(
         for times_s in related.times_s.T:
             check_same_time(log, times_s, relations)
     result = best_mapped(log, mapped)
+    if not result.slam_map.keyframes:
+        raise ValueError(
+            f"{log.told_as}: none of the {log.scan_count} scans tells where it was taken: too few of its"
+            " beams came back; expected ranges to walls, in metres"
+        )
     result = replace(result, notes=(*log.notes, *result.notes))
     if map_path is not None:
         result = replace(result, continued=map_path.name, start=start)

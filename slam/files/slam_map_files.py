@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import lzma
 import tokenize
 import zipfile
 import zlib
@@ -40,11 +41,12 @@ _MOST_BYTES = 250_000_000
 """Chosen: of a drive of 5437 scans it is 20 MB; the arrays and the map made of them are as much each."""
 _Arrays = dict[str, np.ndarray]
 _DAMAGES = (
-    *(zipfile.BadZipFile, zlib.error, EOFError),
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, OSError, EOFError),
     *(KeyError, ValueError, TypeError, NotImplementedError, RuntimeError, OverflowError),
     *(MemoryError, SyntaxError, tokenize.TokenError),
 )
-"""What zipfile and NumPy raise on files that are cut, changed, locked by a password or something else."""
+"""What zipfile and NumPy raise on files that are cut, changed, locked by a password or something else; OSError
+on what says that bzip2 packed it, and is in memory by then."""
 
 
 def write_slam_map(path: str | Path, slam_map: SlamMap) -> None:

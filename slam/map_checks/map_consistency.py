@@ -73,7 +73,7 @@ class MapVerdict:
 
     def with_reasons(self, reasons: Sequence[str]) -> MapVerdict:
         """The verdict with more to be said against the map; the same, if there is none."""
-        said = (*self.reasons, *reasons)
+        said = tuple(dict.fromkeys((*self.reasons, *reasons)))
         return replace(self, is_good=self.is_good and not reasons, reasons=said)
 
     @property

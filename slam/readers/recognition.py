@@ -63,19 +63,22 @@ def is_log(path: Path) -> bool:
 
 def _kind_of_text(path: Path) -> tuple[Literal["carmen", "ticks"] | None, str]:
     """What log a text is, and how it begins if it is none, in words."""
-    found = "is empty"
+    found, nothing = "", "is empty"
     for number, line in text_lines(path, _EXPECTED):
         fields = line.split()
         if fields and fields[0] in KEYWORDS:
             return "carmen", ""
-        if fields and not fields[0].startswith("#"):
+        if "\r" in line.rstrip():
+            nothing = f"line {number} has carriage returns in it: end lines by line feeds"
+        elif fields and fields[0].startswith("#"):
+            nothing = "has comments alone"
+        elif fields:
             if len(fields) > FIRST_RANGE and all(map(is_number, fields)):
                 return "ticks", ""
-            if found == "is empty":
-                found = f"line {number} begins '{' '.join(fields)[:40]}'"
+            found = found or f"line {number} begins '{' '.join(fields)[:40]}'"
         if number >= _LINES_LOOKED_AT:
             break
-    return None, found
+    return None, found or nothing
 
 
 def _is_bag(path: Path) -> bool:

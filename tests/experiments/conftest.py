@@ -32,6 +32,13 @@ def box_room(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture
+def own_folder(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has commands that are told of no `--out` write elsewhere than those of other tests at the same time:
+    one that works there keeps others out."""
+    monkeypatch.chdir(tmp_path_factory.mktemp("here"))
+
+
+@pytest.fixture
 def run_trials(box_room: str) -> Callable[..., int]:
     """Runs a few trials in the box room by the command; the exit status."""
 

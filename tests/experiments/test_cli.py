@@ -127,6 +127,7 @@ def test_one_trial_refuses_what_a_run_refuses(capsys):
     assert refusal(capsys, "trial", "kidnap", "--index", "-1").startswith("Invalid value for '--i")
 
 
+@pytest.mark.usefixtures("own_folder")
 def test_log_that_is_not_there_is_named(capsys):
     line = refusal(capsys, "real-log", "none.clf", "--reference", "none.tum")
     assert line == "none.clf: No such file or directory"

@@ -25,6 +25,8 @@ from slam.trajectory import read_tum
 from tests.experiments.recorder import Recorder, rasterised
 from tests.experiments.refusals import refusal
 
+pytestmark = pytest.mark.usefixtures("own_folder")
+
 DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "fr101-excerpt.clf.gz"
 REFERENCE = DATA / "fr101-excerpt.reference.tum"

@@ -65,6 +65,18 @@ def test_what_cannot_be_written_is_refused_before_the_work(
         assert line.endswith(": Not a directory")
 
 
+@pytest.mark.parametrize("command", ["slam", "localize", "tracked", "each"])
+@pytest.mark.parametrize("name", ["trajectory.tum", "map.kitasap", "slam.png", "summary.json"])
+def test_folder_in_the_place_of_a_result_is_refused_before_the_work(
+    command, name, tmp_path, capsys, monkeypatch
+):
+    work, arguments = WORK[command]
+    monkeypatch.setattr(work, lambda *_, **__: pytest.fail("worked first"))
+    (tmp_path / name).mkdir()
+    said = refusal(capsys, *arguments, "--out", tmp_path)
+    assert said == f"{tmp_path / name}: a folder where a file is to be written"
+
+
 def test_folder_that_can_be_made_is_not_made_before_there_is_something_in_it(tmp_path):
     (tmp_path / "there").touch()
     assert checked_folder(tmp_path / "a/b") == tmp_path / "a/b"

@@ -17,6 +17,8 @@ from slam.trajectory import Trajectory, read_tum
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
+pytestmark = pytest.mark.usefixtures("own_folder")
+
 DATA = Path(__file__).parents[1] / "data"
 EXCERPT = [str(DATA / "fr101-excerpt.clf.gz"), "--reference"]
 REFERENCE = str(DATA / "fr101-excerpt.reference.tum")

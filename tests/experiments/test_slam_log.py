@@ -24,6 +24,8 @@ from slam.trajectory import Trajectory
 from tests.experiments.refusals import refusal
 from tests.slam.logs import shared_log
 
+pytestmark = pytest.mark.usefixtures("own_folder")
+
 DATA = Path(__file__).parents[1] / "data"
 
 LOG = DATA / "fr101-excerpt.clf.gz"
@@ -45,6 +47,20 @@ def test_summary_tells_verdict_and_metrics(folder):
     assert 0.0 <= summary["memory_mb"] < 150.0
     assert summary["evaluation"]["ate"]["translation_m"]["rmse"] < 0.1
     assert summary["evaluation"]["relations"]["all"]["coverage"] == 1.0
+
+
+def test_log_of_which_no_scan_can_be_placed_is_named(tmp_path, capsys):
+    # ranges in centimetres: but for four beams all are farther than any laser sees
+    ranges = " ".join(["5000.00"] * 176 + ["30.1", "30.2", "30.3", "30.4"])
+    tail = "0 0 0 0 0 0"
+    lines = [f"FLASER 180 {ranges} {tail} {k} n {k}\n" for k in range(5)]
+    (tmp_path / "cm.clf").write_text("".join(lines))
+    assert main(["slam", str(tmp_path / "cm.clf"), "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1] == (
+        f"kitasap: {tmp_path / 'cm.clf'}: none of the 5 scans tells where it was taken: too few of its beams"
+        " came back; expected ranges to walls, in metres"
+    )
+    assert not (tmp_path / "out" / "summary.json").exists()
 
 
 def test_every_record_has_a_pose_and_every_keyframe_a_node(folder):

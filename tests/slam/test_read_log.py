@@ -33,7 +33,9 @@ def test_format_is_told_from_the_content_whatever_the_name(tmp_path, text):
     ("content", "said"),
     [
         (b"", "is empty"),
-        (b"\n# only comments\n", "is empty"),
+        (b"\n# only comments\n", "has comments alone"),
+        (b"# a log\rFLASER 0 0 0 0 0 0 0 1 n 1\r", "line 1 has carriage returns in it"),
+        (b"# a log\r\n\r\nhello there\r\n", "line 3 begins 'hello there'"),
         (b"1 2 3 0 0 0 0 1\n", "line 1 begins '1 2 3 0 0 0 0 1'"),
         (b"hello there\n" * 2000, "line 1 begins 'hello there'"),
         (b"\x89PNG\r\n\x1a\n\0\0", "line 1: binary, not"),

@@ -112,6 +112,18 @@ def test_file_cut_anywhere_or_changed_is_refused_by_name(slam_map, tmp_path):
         read_slam_map(path)
 
 
+@pytest.mark.parametrize("method", [12, 14, 99])
+def test_file_that_says_to_be_packed_another_way_is_refused_by_name(slam_map, tmp_path, method):
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, slam_map)
+    content = bytearray(path.read_bytes())
+    # of the last member, in the zip's directory: bzip2, LZMA, none that there is
+    content[content.rfind(b"PK\x01\x02") + 10] = method
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"map\.kitasap: expected a map"):
+        read_slam_map(path)
+
+
 @pytest.mark.slow
 def test_file_with_one_byte_changed_is_refused_or_read_as_it_was(slam_map, tmp_path):
     path, rng = tmp_path / "map.kitasap", np.random.default_rng(1)
