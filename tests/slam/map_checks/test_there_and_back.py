@@ -229,3 +229,34 @@ def test_wheels_that_tell_of_a_detour_late_put_nobody_back(late):
         start, end = (SE2.from_array(pose) for pose in poses[k - 1 : k + 1])
         steps[k + late] = ToldStep(start.inverse() @ end, SURE)
     assert put_on_the_way(KEYFRAMES, [], poses, steps)[3] == []
+
+
+LATE = np.diag([0.13**2, 0.13**2, 0.05**2])
+"""Of a way that was told late: of all of it wheels are sure, and not of each step."""
+
+
+def late(strays) -> list[ToldStep]:
+    steps = told()
+    for k in (*strays, strays[-1] + 1):
+        steps[k] = ToldStep(STEP, LATE)
+    return steps
+
+
+@pytest.mark.parametrize(("ahead_m", "is_put_back"), [(0.7, True), (0.31, False)])
+def test_scans_that_went_back_where_wheels_go_on_are_off_together(ahead_m, is_put_back):
+    """None of them alone: as of somebody who drew three of them along a corridor, the last one back."""
+    strays = (AT, AT + 1, AT + 2)
+    poses = aside(strays, SE2(ahead_m, 0.0, 0.0))
+    _, _, moved, found = put_on_the_way(KEYFRAMES, [], poses, late(strays))
+    assert found == (list(strays) if is_put_back else [])
+    np.testing.assert_allclose(moved, way() if is_put_back else poses, atol=0.02)
+
+
+def test_scans_that_hardly_move_where_wheels_tell_evenly_stay():
+    """Off together as well, but nobody went back: the robot nearly stood, and made up for it."""
+    strays = (AT, AT + 1, AT + 2)
+    poses, slowly = way(), SE2(0.12, 0.0, 0.02)
+    for k in strays:
+        poses[k] = (SE2.from_array(poses[k - 1]) @ slowly).as_array()
+    _, _, _, found = put_on_the_way(KEYFRAMES, [], poses, late(strays))
+    assert found == []
