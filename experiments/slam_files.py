@@ -9,7 +9,6 @@ from typing import TextIO
 
 import numpy as np
 
-from experiments.outputs import check_is_no_folder
 from experiments.slam_result import SlamLog
 from experiments.trial_log import write_atomically
 from slam.files.map_files import write_map
@@ -34,7 +33,7 @@ class OnlinePoses:
     until the end, and `keep` hands on that of the map that is used. Results that were finished before
     stay as they are until there are others: their online.tum is laid aside, an empty file if they had
     none, and comes back unless it was removed with all that is `outdated`. Raises OSError if it cannot
-    write, for a folder in the place of a file as well.
+    write. Within `results_of_one`, which refuses folders in the places of files.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -43,8 +42,6 @@ class OnlinePoses:
         self._aside = folder / ".online.tum"
 
     def __enter__(self) -> OnlinePoses:
-        for path in (self._path(0), self._aside, *self._later_passes()):
-            check_is_no_folder(path)
         self._bring_back()  # of a command that was killed
         return self
 

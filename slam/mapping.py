@@ -70,7 +70,7 @@ class Mapper:
                 " it: continue the map as it was before that one"
             )
         mapper = cls(T_base_laser, config)
-        mapper._drive = Drive.after(slam_map, T_base_laser, start, mapper.config)
+        mapper._drive.follow(slam_map, start)
         mapper.T_map_base = mapper._drive.session.start
         mapper._known_objections = objections_of_drives(slam_map, mapper.config)
         return mapper

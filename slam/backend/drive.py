@@ -40,22 +40,17 @@ class Drive:
         self.jumps = OdometryJumps()
         self.monitor = DriveMonitor(config.front_end.blind_m[0])
 
-    @classmethod
-    def after(
-        cls, slam_map: SlamMap, T_base_laser: SE2, start: SE2 | None, config: MapperConfig
-    ) -> Drive:
-        """The next one on a map, from a pose there if one is known.
+    def follow(self, slam_map: SlamMap, start: SE2 | None) -> None:
+        """Begins on a map, before its first scan, from a pose there if one is known.
 
         Raises ValueError for a map without a wall, if it is not.
         """
-        drive = cls(T_base_laser, config)
-        drive.steps = list(slam_map.steps)
+        self.steps = list(slam_map.steps)
         loops = [*slam_map.loops, *slam_map.rejected]
-        drive.graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
+        self.graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
         is_open = {step.keyframe for step in slam_map.steps if step.is_keyframe and step.is_open}
-        drive.graph.looseness = Looseness(slam_map.keyframes, is_open)
-        drive.session = MapSession.after(slam_map, start, drive.graph, drive.closer, config)
-        return drive
+        self.graph.looseness = Looseness(slam_map.keyframes, is_open)
+        self.session = MapSession.after(slam_map, start, self.graph, self.closer, self.config)
 
     @property
     def own_steps(self) -> list[FrontEndStep]:

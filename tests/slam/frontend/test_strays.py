@@ -183,14 +183,15 @@ def test_two_that_strayed_together_where_nothing_measured_the_way_may_have(
 def test_scan_that_may_have_strayed_is_kept_in_a_crowd():
     """none 1537, a ring of corridors with people: 0.54 m off, and no scan to look at once more."""
     mapper = driven()
-    mapper._drive.config = replace(mapper.config, crowd=0)
-    poses = mapper._drive.graph.poses.copy()
+    drive = mapper._drive
+    drive.config = replace(mapper.config, crowd=0)
+    poses = drive.graph.poses.copy()
     poses[AT] = (SE2.from_array(poses[AT]) @ BESIDE).as_array()
-    mapper._drive.graph.set_poses(poses)
-    mapper._drive.thin_crowd(AT)
-    assert not mapper._drive.graph.keyframes[AT].is_place_alone
-    mapper._drive.thin_crowd(AT - 20)
-    assert mapper._drive.graph.keyframes[AT - 20].is_place_alone
+    drive.graph.set_poses(poses)
+    drive.thin_crowd(AT)
+    assert not drive.graph.keyframes[AT].is_place_alone
+    drive.thin_crowd(AT - 20)
+    assert drive.graph.keyframes[AT - 20].is_place_alone
 
 
 def test_keyframe_that_fits_on_the_way_once_all_is_adjusted_is_put_back_then(monkeypatch):

@@ -83,18 +83,15 @@ def by_scans_alone() -> Mapper:
 def test_mapper_puts_a_keyframe_back_without_the_scans_that_follow_it():
     """none 102012, offices: two scans 0.3 m off, since their keyframe had been, and was not any more."""
     mapper = by_scans_alone()
-    steps, front_end, poses = (
-        mapper._drive.steps,
-        mapper._drive.front_end,
-        mapper._drive.graph.poses.copy(),
-    )
+    drive = mapper._drive
+    steps, front_end, poses = drive.steps, drive.front_end, drive.graph.poses.copy()
     followers = [at for at, one in enumerate(steps) if one.keyframe == AT and not one.is_keyframe]
     assert followers
     right = [steps[at].placed(poses) for at in followers]
     T_right = SE2.from_array(poses[AT])
     T_drawn = T_right @ SE2(-0.5, 0.0, 0.0)
     poses[AT] = T_drawn.as_array()
-    mapper._drive.graph.renew(mapper._drive.graph.keyframes, [], poses)
+    drive.graph.renew(drive.graph.keyframes, [], poses)
     back = T_drawn.between(T_right)
     for at in followers:
         steps[at] = replace(steps[at], T_keyframe_base=back @ steps[at].T_keyframe_base)
@@ -102,11 +99,11 @@ def test_mapper_puts_a_keyframe_back_without_the_scans_that_follow_it():
         one._replace(T_keyframe_base=back @ one.T_keyframe_base)
         for one in front_end.glances[AT].kept
     ]
-    right_strays(mapper._drive)
-    poses = mapper._drive.graph.poses
+    right_strays(drive)
+    poses = drive.graph.poses
     assert SE2.from_array(poses[AT]).is_near(T_right, 0.03, 0.01)
     for at, T in zip(followers, right, strict=True):
-        assert mapper._drive.steps[at].placed(poses).is_near(T, 0.01, 0.01)
+        assert drive.steps[at].placed(poses).is_near(T, 0.01, 0.01)
     # what they saw is where they are
-    ways = {mapper._drive.steps[at].T_keyframe_base for at in followers}
+    ways = {drive.steps[at].T_keyframe_base for at in followers}
     assert {one.T_keyframe_base for one in front_end.glances[AT].kept} == ways

@@ -195,17 +195,16 @@ def test_mapper_puts_a_drawn_scan_back_on_the_finished_map():
     mapper = Mapper(ring.T_BASE_LASER)
     for one in ring.drive(ring.way(0.1, 0.1), np.random.default_rng(0)):
         mapper.update(replace(one, motion=SE2.identity(), motion_covariance=GUESS))
-    at = next(k for k in range(25, 40) if not mapper._drive.steps[k].is_keyframe)
-    step = mapper._drive.steps[at]
+    drive = mapper._drive
+    at = next(k for k in range(25, 40) if not drive.steps[k].is_keyframe)
+    step = drive.steps[at]
     drawn = replace(
         step,
         T_keyframe_base=step.T_keyframe_base @ DRAWN,
         T_map_base=step.T_map_base @ DRAWN,
     )
-    mapper._drive.steps[at] = drawn
-    mapper._drive.front_end.glances[step.keyframe].move(
-        {step.T_keyframe_base: drawn.T_keyframe_base}
-    )
+    drive.steps[at] = drawn
+    drive.front_end.glances[step.keyframe].move({step.T_keyframe_base: drawn.T_keyframe_base})
     slam_map = mapper.finish()
     assert not any("by scans alone" in one for one in slam_map.verdict.reasons)
     assert slam_map.steps[at].T_keyframe_base.is_near(step.T_keyframe_base, 0.02, 0.01)
