@@ -15,6 +15,7 @@ from slam.odometry import WheelModel, compose_covariance
 from slam.readers.late_odometry import LateOdometry
 from slam.readers.log_record import LogRecord
 from slam.readers.record_faults import RecordFaults
+from slam.readers.uneven_odometry import UnevenOdometry
 from slam.se2 import SE2
 
 MotionNoise = Callable[[SE2], FloatArray]
@@ -97,15 +98,18 @@ class Log:
                 yield measurement
 
     def records_in_time(self) -> Iterator[LogRecord]:
-        """The records, as many as there are, with the ways that odometry told late told in time: see
-        `LateOdometry`."""
+        """The records, as many as there are, with the ways that odometry told late, or unevenly, told in time: see
+        `LateOdometry` and `UnevenOdometry`."""
         if not self.has_odometry:
             yield from self.records
             return
-        odometry = LateOdometry()
+        late, uneven = LateOdometry(), UnevenOdometry()
         for record in self.records:
-            yield from odometry.take(record)
-        yield from odometry.rest()
+            for told in late.take(record):
+                yield from uneven.take(told)
+        for told in late.rest():
+            yield from uneven.take(told)
+        yield from uneven.rest()
 
 
 class MotionSinceScan:

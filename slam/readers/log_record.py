@@ -13,8 +13,8 @@ class LogRecord:
     """One entry of a log: the robot's pose by wheel odometry alone, and the scan if it has one.
 
     late_sigma: [m], [rad], beside the noise of the wheels, of the motion since the record before, where that
-    is a guess: its odometry was told late (see `LateOdometry`). is_denied: scans deny that the robot stands, as
-    it tells.
+    is a guess: its odometry was told late or unevenly (see `LateOdometry`, `UnevenOdometry`). is_denied: scans
+    deny that the robot stands, as it tells.
     """
 
     time_s: float
