@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -45,6 +46,11 @@ class Candidates:
         for start in told.others:
             other = self._surfaces.match(points, start, T_predicted, told.odometry)
             match = other if other.cost < match.cost - better else match
+        if (
+            told.other is not None
+        ):  # odometry jumped, or did not: the robot went the one way or the other
+            ends = [T_predicted, *told.others]
+            match = match if self._is_from(match, ends, config.reach_m) else self.held(points, told)
         if told.squared(match) > config.trust:
             # walls seen for the first time may draw a scan along those known, and people
             is_denied = told.is_denying(match, config.surely_wrong)
@@ -85,10 +91,14 @@ class Candidates:
         loose = LITTLE * told.odometry
         for start in starts:
             match = self._surfaces.match(points, start, T_predicted, loose)
-            reach = _WIDER * reach_m, _WIDER * config.reach_rad
-            if any(match.T_map_base.is_near(middle, *reach) for middle in middles):
+            if self._is_from(match, middles, reach_m):
                 found.append(match)
         return min(found, key=lambda match: match.cost)
+
+    def _is_from(self, match: SurfaceMatch, middles: Sequence[SE2], reach_m: float) -> bool:
+        """Whether a match is of what was looked for at most so far around any of some poses."""
+        reach = _WIDER * reach_m, _WIDER * self._config.reach_rad
+        return any(match.T_map_base.is_near(middle, *reach) for middle in middles)
 
     def is_better(
         self,

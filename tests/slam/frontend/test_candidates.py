@@ -58,3 +58,30 @@ def test_wheels_that_hardly_know_are_no_better_than_that_the_robot_goes_on(
     found, led = match(1.0, 0.19), match(0.0, 0.2)  # as little better as two places of a corridor
     usual, beams = SE2(usual_m, 0.0, 0.0), None  # nobody asks these
     assert candidates.is_better(found, led, told, NOWHERE, beams, usual) is is_believed
+
+
+@pytest.mark.parametrize(
+    ("off_m", "other_m", "found_m"),
+    [
+        (0.9, None, 0.9),
+        (1.8, None, 1.8),  # nothing tells where it is instead
+        # mit-csail backwards, ranges up to 8 m: 1.6 m beside both ways that it may have gone
+        (1.8, 0.4, 0.1),
+        (1.8, 1.2, 1.8),
+        (0.9, 0.4, 0.9),
+    ],
+)
+def test_robot_went_as_odometry_told_or_as_before_and_nowhere_else(
+    monkeypatch, off_m, other_m, found_m
+):
+    candidates = Candidates(LastSeen(SurfaceMap(), [], FrontEndConfig()))
+
+    def matched(points, start, prior, odometry, trust=None, *, pull=None):
+        return match(0.1, 0.5) if pull is not None else match(off_m, 0.1)
+
+    monkeypatch.setattr(candidates._surfaces, "match", matched)
+    P, here = np.eye(3) * 0.5**2, SE2.identity()
+    other = None if other_m is None else SE2(other_m, 0.0, 0.0)
+    told = Prediction(here, here, P, np.linalg.inv(P), 1.0, is_coasting=False, other=other)
+    beams = None  # nobody asks these
+    assert candidates.led(NOWHERE, beams, told).T_map_base.x == found_m
