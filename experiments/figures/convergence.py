@@ -17,8 +17,8 @@ from experiments.tables import title_of
 
 _OF_EXPRESSION_1 = ("paper", "open3d")
 """Methods whose search goes down it; the straight lines of `line` have a distance of their own."""
-_MOST_LINES = 200
-"""Chosen: more hide each other. Medians and counts are of all trials."""
+_MOST_LINES, _FEW_LINES = 200, 10
+"""Chosen: more hide each other, and as few may be strong. Medians and counts are of all trials."""
 
 
 def convergence_figure(folder: Path) -> Path | None:
@@ -57,8 +57,9 @@ def convergence_drawn(folder: Path) -> Figure | None:
                 xycoords=("axes fraction", "data"), textcoords="offset points", ha="right",
                 fontsize=8,
             )  # fmt: skip
-    for axis, label in zip(axes[-1], ("pass", "pass", "passes until it ended"), strict=True):
-        axis.set_xlabel(label)
+    for row in axes:
+        for axis, label in zip(row, ("pass", "pass", "passes until it ended"), strict=True):
+            axis.set_xlabel(label)
     figure.suptitle(
         f"{title_of(config['experiment'], config['config']['poses'])}\n"
         "a line for each trial, a star where it ends; thick: their median, ended ones included"
@@ -83,15 +84,21 @@ def _curves(axis: Axes, name: str, values: list[list[float | None]], scale: floa
     # a search that has ended stays where it is
     table = np.array([np.pad(one, (0, longest - len(one)), mode="edge") for one in curves])
     lines = [np.column_stack([np.arange(len(one)), one]) for one in curves[:_MOST_LINES]]
+    fewness = min(_FEW_LINES / len(lines), 1.0)
+    style: dict[str, Any] = {"colors": colour(name), "rasterized": True}
     axis.add_collection(
-        LineCollection(lines, colors=colour(name), linewidths=0.5, alpha=0.3, rasterized=True)
+        LineCollection(lines, linewidths=0.5 + fewness, alpha=0.3 + 0.5 * fewness, **style)
     )
     ends = np.array([line[-1] for line in lines])
-    axis.plot(*ends.T, "*", ms=5, mew=0, alpha=0.5, color=colour(name), rasterized=True)
+    axis.plot(
+        *ends.T, "*", ms=6 + 4 * fewness, mew=0, alpha=0.5 + 0.4 * fewness, color=colour(name),
+        rasterized=True, zorder=3,
+    )  # fmt: skip
     middle = np.nanmedian(table, axis=0) if np.isfinite(table).any(axis=0).all() else table[0]
     axis.plot(middle, color="#000000", lw=2.0)
     seen = table[np.isfinite(table) & (table > 0)]
-    axis.set(yscale="log", xlim=(0, max(longest - 1, 1)))
+    last = max(longest - 1, 1)
+    axis.set(yscale="log", xlim=(-0.03 * last, 1.03 * last))  # stars are not to lie on the frame
     if seen.size:
         axis.set_ylim(0.7 * seen.min(), 1.4 * seen.max())
     if scale != 1.0:

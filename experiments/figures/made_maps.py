@@ -101,7 +101,6 @@ def map_quality_drawn(folder: Path) -> Figure:
             values = [scale * record["methods"][name][key] for record in records]
             if values:
                 axis.ecdf(values, label=name, **line_style(name))
-        axis.axvline(limit, color="#000000", ls="--", lw=1.0, label="needed")
         # a line along either end is not to lie on the frame
         axis.set(xlabel=label, ylim=(-0.02, 1.02))
         if key == "ate_m":
@@ -109,12 +108,22 @@ def map_quality_drawn(folder: Path) -> Figure:
             label_decades(axis.xaxis)
         else:
             spread_near_one(axis)
+        _shade_failures(axis, limit, is_more_worse=key == "ate_m")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("share of the trials")
-    legend_below(figure, axes[0], ncols=1 + len(summary["methods"]))
+    legend_below(figure, axes[0], ncols=2 + len(summary["methods"]))
     trials = summary["trials"]
     figure.suptitle("map of 1 trial" if trials == 1 else f"maps of {trials} trials")
     return figure
+
+
+def _shade_failures(axis: Axes, limit: float, *, is_more_worse: bool) -> None:
+    """What a map is not good enough with, beyond a limit."""
+    low, high = axis.get_xlim()
+    axis.axvline(limit, color="#000000", ls="--", lw=1.0, label="needed")
+    worse = (limit, max(high, 1.5 * limit)) if is_more_worse else (min(low, limit), limit)
+    axis.axvspan(*worse, color=_WRONG, alpha=0.12, lw=0.0, label="not good enough")
+    axis.set_xlim(min(low, worse[0]), max(high, worse[1]))
 
 
 def _title(result: MappingResult, index: int) -> str:
