@@ -113,6 +113,7 @@ RANKS = (
         "front_end_config",
         "open_matches",
         "candidates",
+        "placing",
         "people_along",
         "seen_before",
         "prediction",

@@ -9,21 +9,18 @@ import numpy as np
 
 from slam.arrays import FloatArray, diagonal_of
 from slam.beams import Beams
-from slam.frontend.candidates import Candidates
 from slam.frontend.constant_velocity import ConstantVelocity, coasting_covariance
-from slam.frontend.front_end_config import GUESS_M, FrontEndConfig
+from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.frontend.loose_runs import LooseRuns
 from slam.frontend.open_matches import is_one_place
 from slam.frontend.open_runs import OpenRun
-from slam.frontend.pauses import Pauses
 from slam.frontend.people_along import PeopleAlong
-from slam.frontend.prediction import Prediction
+from slam.frontend.placing import Placing
+from slam.frontend.prediction import Prediction, is_told
 from slam.frontend.seen_before import LastSeen
-from slam.frontend.slipped_wheels import SlippedWheels
 from slam.frontend.strays import ToldStep, apart_m, told_step
 from slam.frontend.wheel_scale import ScaledStep, WheelScale
-from slam.frozen_laser import FrozenLaser
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
 from slam.measurements import Measurement
@@ -50,16 +47,13 @@ class FrontEnd:
         self.ties: list[Loop] = []
         self._window = SurfaceWindow(self.config.window, self.config.surfaces)
         last = LastSeen(self._window.surfaces, self.keyframes, self.config)
-        self._candidates, self._people = Candidates(last), PeopleAlong(last)
-        self._slipped_wheels = SlippedWheels(last)
+        self._placing, self._people = Placing(last, self.config), PeopleAlong(last)
         self._open_run = OpenRun(self.config)
         self._straightener = Straightener(T_base_laser)
         self._P: FloatArray = np.zeros((3, 3))
         self._told = ToldStep.none()
-        self._laser = FrozenLaser()
         self._blind_m, self._elapsed_s, self._last_s = 0.0, math.inf, -math.inf
         self._open_m = 0.0
-        self._pauses = Pauses(self.config.pauses)
         self._velocity = ConstantVelocity()
 
     def update(self, measurement: Measurement, other: SE2 | None = None) -> FrontEndStep:
@@ -67,7 +61,7 @@ class FrontEnd:
         beams = self._beams(measurement)
         points = self._seen(beams)
         told = self._predicted(measurement, other)
-        match, status, passed_ratio = self._believed(measurement, points, beams, told)
+        match, status, passed_ratio = self._placing.believed(measurement, points, beams, told)
         if match is not None and status is StepStatus.MATCHED:
             told, match = self._without_people(told, match, points, beams)
         is_open = match is not None and self._is_open(match, points, told)
@@ -109,10 +103,10 @@ class FrontEnd:
             self._open_run.take(len(self.keyframes) - 1, is_open)
         if match is None or tied is not None:  # that moved the scan before as well
             self._velocity.stop()
-            self._slipped_wheels.still.forget()
+            self._placing.slipped_wheels.still.forget()
         else:
             self._velocity.take(told.T_last, self.T_map_base, self._elapsed_s)
-            self._slipped_wheels.still.take(beams, self.T_map_base)
+            self._placing.slipped_wheels.still.take(beams, self.T_map_base)
         T_keyframe = self.keyframes[-1].T_map_base if self.keyframes else SE2.identity()
         T_keyframe_base = T_keyframe.between(self.T_map_base)
         if match is not None and not is_new:
@@ -125,32 +119,24 @@ class FrontEnd:
 
     def _predicted(self, measurement: Measurement, other: SE2 | None) -> Prediction:
         """Where the wheels lead; the covariance since the last keyframe grows by that."""
-        T_last, motion = self.T_map_base, self._motion(measurement)
+        self._blind_m += self._way_m(measurement)
+        T_last, usual = self.T_map_base, self._velocity.motion(self._elapsed_s)
+        motion = self._motion(measurement, usual)
         is_coasting = motion is not measurement.motion
         step, told = told_step(measurement, self.config.step_sigma), self.wheel_scale.scaled(motion)
         T_predicted = T_last @ told
         self._P = self.wheel_scale.predict(self._P, step.motion, step.covariance)
         told = self.wheel_scale.scaled(step.motion) if is_coasting else told
         self._told = self._told.then(told, step.covariance)
-        self._blind_m += self._way_m(measurement)
         held = self._P
         if is_coasting:
             way_m = apart_m(T_last, T_predicted)
             held = coasting_covariance(way_m, self._elapsed_s, float(self._P[2, 2]))
         noise, odometry = self.wheel_scale.noise, inverse_of(held)
-        return Prediction(T_last, T_predicted, self._P, odometry, noise, is_coasting, other)
-
-    def _believed(
-        self, measurement: Measurement, points: FloatArray, beams: Beams, told: Prediction
-    ) -> tuple[SurfaceMatch | None, StepStatus, float]:
-        """The match of a scan to be believed, if there is one, and what it looks through there."""
-        match, status = self._placed(measurement, points, beams, told)
-        passed_ratio = self._candidates.passed(match.T_map_base, beams) if match else 0.0
-        if passed_ratio > self.config.most_passed:
-            match, status = None, StepStatus.BROKEN
-        if status is StepStatus.BROKEN and len(points) < self.config.least_begun:
-            status = StepStatus.CARRIED
-        return match, status, passed_ratio
+        return Prediction(
+            T_last, T_predicted, self._P, odometry, noise, is_coasting, other,
+            elapsed_s=self._elapsed_s, blind_m=self._blind_m, usual=usual,
+        )  # fmt: skip
 
     def _without_people(
         self, told: Prediction, match: SurfaceMatch, points: FloatArray, beams: Beams
@@ -194,13 +180,12 @@ class FrontEnd:
         # wheels that it contradicts tell nothing of how far along it lies
         return match.loosened_along_open(self.config.reach_m) if is_open else match
 
-    def _motion(self, measurement: Measurement) -> SE2:
+    @staticmethod
+    def _motion(measurement: Measurement, usual: SE2 | None) -> SE2:
         """Since the last scan; where nothing measured it, as fast as the one before: of nine simulated
         logs of scans alone that had failed or were off, four became right by it, one worse."""
         motion = measurement.motion
-        if _is_told(measurement) or motion != SE2.identity():
-            return motion
-        return self._velocity.motion(measurement.time_s - self._last_s) or motion
+        return motion if is_told(measurement) or motion != SE2.identity() else usual or motion
 
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
         """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""
@@ -232,7 +217,7 @@ class FrontEnd:
     @property
     def usual_interval_s(self) -> float:
         """Between the last scans, in the median [s]; 0 where there were not two."""
-        return self._pauses.usual_interval_s
+        return self._placing.pauses.usual_interval_s
 
     def _beams(self, measurement: Measurement) -> Beams:
         straightener, scan = self._straightener, measurement.scan
@@ -243,60 +228,6 @@ class FrontEnd:
             duration_s = straightener.duration_s(time_s, motion)
             straightener.take_motion(time_s, beam_times_s, motion, duration_s)
         return straightener.beams(scan)
-
-    def _placed(
-        self,
-        measurement: Measurement,
-        points: FloatArray,
-        beams: Beams,
-        told: Prediction,
-    ) -> tuple[SurfaceMatch | None, StepStatus]:
-        """The match of a scan to be believed, if there is one."""
-        config, is_frozen = self.config, self._laser.repeats(measurement.scan)
-        has_paused = self._pauses.take(self._elapsed_s, measurement.motion)
-        if len(points) < config.min_points or is_frozen or not self._window:
-            return None, StepStatus.CARRIED
-        most_m = config.blind_m if _is_told(measurement) else (config.guess_blind_m,) * 2
-        if self._blind_m > most_m[1]:
-            return None, StepStatus.BROKEN
-        led = match = self._candidates.led(points, beams, told)
-        least = config.pause_inlier_ratio if has_paused else config.least_inlier_ratio
-        good = config.guess_inlier_ratio if told.is_guess else config.good_inlier_ratio
-        status, is_blind = StepStatus.MATCHED, self._blind_m > most_m[0]
-        against = self._slipped_wheels.against(points, beams, told, led)
-        if against is not None:
-            match, status = against, StepStatus.SEARCHED
-        elif match.inlier_ratio < max(good, least):
-            usual = None if told.is_coasting else self._velocity.motion(self._elapsed_s)
-            best = self._candidates.around(points, told, usual)
-            if self._candidates.is_better(best, led, told, points, beams, usual):
-                match, status = best, StepStatus.SEARCHED
-        is_weak = len(points) < config.least_begun and not is_blind
-        if is_weak and not told.is_guess and told.squared(match) > config.trust:
-            return None, StepStatus.CARRIED  # few points against the wheels
-        if told.sigma_m > config.lost_m and told.other is None:
-            # what hardly fits, fits elsewhere too
-            least = max(least, config.guess_inlier_ratio)
-        fits = match.inlier_ratio >= least and match.seen_ratio >= config.least_seen_ratio
-        if fits and not is_blind and not self._is_against(match, told):
-            return match, status
-        doubtful = (
-            config.least_inlier_ratio if has_paused or is_blind else config.denial.doubtful_ratio
-        )
-        is_borne_out = self._candidates.is_borne_out
-        for match in (led, self._candidates.held(points, told)):
-            if match.inlier_ratio >= doubtful and is_borne_out(match, told, points, beams):
-                return match, StepStatus.MATCHED
-        return None, StepStatus.BROKEN
-
-    def _is_against(self, match: SurfaceMatch, told: Prediction) -> bool:
-        """Whether a scan fits badly, and where wheels that measured the way did not lead."""
-        least, most = self.config.against
-        return (
-            not told.is_coasting
-            and match.inlier_ratio < least
-            and told.squared(match) > told.noise * most
-        )
 
     def _is_open(self, match: SurfaceMatch, points: FloatArray, told: Prediction) -> bool:
         """Whether a scan leaves a direction open. Where nothing else tells of the way, surfaces across it
@@ -313,9 +244,8 @@ class FrontEnd:
     def _open_way_m(self, told: Prediction, match: SurfaceMatch | None) -> float:
         """How far the robot went at most since the last scan that told its place."""
         ends = [told.T_map_base] + ([] if match is None else [match.T_map_base])
-        on = self._velocity.motion(self._elapsed_s)
-        if on is not None and match is not None and told.is_denied_stand(match):
-            ends.append(told.T_last @ on)
+        if told.usual is not None and match is not None and told.is_denied_stand(match):
+            ends.append(told.T_last @ told.usual)
         return self._open_m + max(apart_m(told.T_last, end) for end in ends)
 
     def _is_new(self, status: StepStatus, points: FloatArray) -> bool:
@@ -351,8 +281,3 @@ class FrontEnd:
         if is_break:
             self._window.forget()
         self._window.learn(T_map_base, points)
-
-
-def _is_told(measurement: Measurement) -> bool:
-    """Whether anything measured the way since the last scan."""
-    return measurement.motion_covariance.item(0, 0) < GUESS_M**2

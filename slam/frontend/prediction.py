@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from slam.arrays import FloatArray
@@ -9,6 +10,7 @@ from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.strays import apart_m
 from slam.kernels.normal_equations import inverse_of, squared_innovation
 from slam.lazy import lazy
+from slam.measurements import Measurement
 from slam.odometry import place_sigma_m
 from slam.records import record
 from slam.se2 import SE2
@@ -29,7 +31,8 @@ class Prediction:
     odometry: (3, 3) information by which matches are held there; not the inverse of the covariance
     if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
     see `WheelScale`. other: a motion that may have been in its place. are_people: from the last
-    keyframe, since what scans saw walked along.
+    keyframe, since what scans saw walked along. elapsed_s: since the last scan. blind_m: the way since one
+    told anything. usual: the motion meanwhile if the robot goes on as it did; None: not known.
     """
 
     T_last: SE2
@@ -40,6 +43,9 @@ class Prediction:
     is_coasting: bool
     other: SE2 | None = None
     are_people: bool = False
+    elapsed_s: float = math.inf
+    blind_m: float = 0.0
+    usual: SE2 | None = None
 
     @lazy
     def is_guess(self) -> bool:
@@ -103,3 +109,8 @@ class Prediction:
             odometry=inverse_of(covariance),
             are_people=True,
         )
+
+
+def is_told(measurement: Measurement) -> bool:
+    """Whether anything measured the way since the last scan."""
+    return measurement.motion_covariance.item(0, 0) < GUESS_M**2

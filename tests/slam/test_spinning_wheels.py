@@ -342,7 +342,7 @@ def test_poses_are_noted_where_scans_were_placed_and_forgotten_where_none_was():
         scan = scan_of(DOORS, SE2(x, 0.0, 0.0), rng, 0.01, ANGLES_RAD, 8.0)
         told = SE2(0.27 if k else 0.0, 0.0, 0.0)  # too far
         front_end.update(Measurement(0.2 * k, told, scan, np.diag([1e-3] * 3)))
-    still, beams = front_end._slipped_wheels.still, Beams.of(scan, SE2.identity())
+    still, beams = front_end._placing.slipped_wheels.still, Beams.of(scan, SE2.identity())
     assert still.place(beams, front_end.T_map_base, 0.0) == front_end.T_map_base
     nothing = replace(scan, ranges_m=np.full_like(scan.ranges_m, np.inf))
     front_end.update(Measurement(0.6, SE2.identity(), nothing, np.diag([1e-3] * 3)))

@@ -95,7 +95,7 @@ def test_robot_does_not_go_five_times_as_far_at_once(monkeypatch, interval_s, of
     for k in range(8):
         if k == 7:
             monkeypatch.setattr(front_end._window.surfaces, "match", badly)
-            monkeypatch.setattr(front_end._candidates, "around", around)
+            monkeypatch.setattr(front_end._placing.candidates, "around", around)
         scan = scan_of(WALLS, SE2(STEP_M * k, 0.0, 0.0), rng, 0.01, range_max_m=5.0)
         step = front_end.update(Measurement(interval_s * k, SE2.identity(), scan, UNMEASURED))
     assert step.status is status

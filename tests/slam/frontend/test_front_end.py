@@ -33,7 +33,7 @@ NEXT_DOOR = SE2(-1.2, 0.0, 0.0)
 def test_pose_that_the_wheels_contradict_must_fit_much_better(monkeypatch, sigma_m, gain, status):
     front_end, second = after_one_scan()
     two_poses(monkeypatch, front_end, gain)
-    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
+    monkeypatch.setattr(front_end._placing.candidates, "denied", lambda *_: (100, 0))
     covariance = np.diag([sigma_m**2, sigma_m**2, 0.05**2])
     step = front_end.update(replace(second, motion_covariance=covariance))
     assert step.status is status
@@ -51,14 +51,14 @@ def test_no_pose_is_found_metres_from_where_wheels_lead_that_know_the_way(
     # a third of the scans of aces lost: one lay where the robot had stood, 2.5 m back (good)
     front_end, measurement = after_one_scan()
     two_poses(monkeypatch, front_end, 0.4)
-    around = front_end._candidates.around
+    around = front_end._placing.candidates.around
 
     def far(points, told, usual):
         found = around(points, told, usual)
         return replace(found, T_map_base=told.T_map_base @ SE2(off_m, 0.0, 0.0), inlier_ratio=0.9)
 
-    monkeypatch.setattr(front_end._candidates, "around", far)
-    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
+    monkeypatch.setattr(front_end._placing.candidates, "around", far)
+    monkeypatch.setattr(front_end._placing.candidates, "denied", lambda *_: (100, 0))
     step = front_end.update(
         replace(measurement, motion_covariance=np.diag([0.05, 0.05, 0.02]) ** 2)
     )
@@ -84,7 +84,7 @@ def test_where_the_last_keyframes_deny_what_the_wheels_say_a_little_better_is_en
     def denied(T_map_base, points, beams):
         return 100, 22 if T_map_base.is_near(T_wheels, 0.1, 0.05) else 0
 
-    monkeypatch.setattr(front_end._candidates, "denied", denied)
+    monkeypatch.setattr(front_end._placing.candidates, "denied", denied)
     covariance = np.diag([0.05**2, 0.05**2, 0.05**2])
     step = front_end.update(replace(second, motion_covariance=covariance))
     assert step.status is StepStatus.SEARCHED
@@ -117,7 +117,7 @@ def test_scan_that_fits_badly_is_where_wheels_lead_if_they_are_sure_and_nothing_
     def around(points, told, usual):
         return badly(points, told.T_map_base, told.T_map_base, told.odometry)
 
-    monkeypatch.setattr(front_end._candidates, "around", around)
+    monkeypatch.setattr(front_end._placing.candidates, "around", around)
     if is_elsewhere:
         pose = SE2(12.8, 3.0, math.pi / 2.0) @ ring.T_BASE_LASER
         scan = scan_of(ring.RING, pose, np.random.default_rng(3), 0.01, range_max_m=8.0)
@@ -147,7 +147,7 @@ def test_match_that_was_searched_for_along_a_wall_is_not_sure_how_far_along(monk
     # odometry that turned by 90 degrees at once, in a corridor: the way after that is anybody's guess
     front_end, second = after_one_scan()
     two_poses(monkeypatch, front_end, gain=0.3)
-    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, 0))
+    monkeypatch.setattr(front_end._placing.candidates, "denied", lambda *_: (100, 0))
     monkeypatch.setattr(front_end, "_is_open", lambda *_: True)
     covariance = np.diag([0.05**2, 0.05**2, 0.05**2])
     assert (
@@ -178,7 +178,7 @@ def two_poses(monkeypatch, front_end: FrontEnd, gain: float) -> None:
         return replace(found, T_map_base=T_there, inlier_ratio=0.9, cost=0.4 - gain)
 
     monkeypatch.setattr(front_end._window.surfaces, "match", badly)
-    monkeypatch.setattr(front_end._candidates, "around", around)
+    monkeypatch.setattr(front_end._placing.candidates, "around", around)
 
 
 @pytest.mark.parametrize(
@@ -209,9 +209,9 @@ def test_scan_that_fits_badly_where_wheels_did_not_lead_is_where_they_led_or_beg
     def led(points, _, told):
         return around(points, told, None)
 
-    monkeypatch.setattr(front_end._candidates, "led", led)
-    monkeypatch.setattr(front_end._candidates, "around", around)
-    monkeypatch.setattr(front_end._candidates, "denied", lambda *_: (100, denied))
+    monkeypatch.setattr(front_end._placing.candidates, "led", led)
+    monkeypatch.setattr(front_end._placing.candidates, "around", around)
+    monkeypatch.setattr(front_end._placing.candidates, "denied", lambda *_: (100, denied))
     covariance = np.diag([noise_m**2, noise_m**2, 0.05**2])
     step = front_end.update(replace(second, motion_covariance=covariance))
     assert step.status is status
@@ -250,7 +250,7 @@ def test_a_scan_that_looks_through_the_walls_just_seen_is_not_placed_among_them(
         told = SE2(0.0, -0.1, 0.0) if index else SE2.identity()
         if index == 9:  # 0.89 of it lies on the wall ahead, which both have
             beams = Beams.of(scan, SE2.identity())
-            assert front_end._candidates.passed(front_end.T_map_base @ told, beams) > 0.8
+            assert front_end._placing.candidates.passed(front_end.T_map_base @ told, beams) > 0.8
         steps.append(front_end.update(Measurement(0.2 * index, told, scan, variance * np.eye(3))))
         pose = pose @ SE2(0.0, -0.1, 0.0)
     assert max(step.passed_ratio for step in steps[:9]) < 0.1
@@ -395,7 +395,9 @@ def test_a_search_does_not_find_what_lies_beyond_its_reach(monkeypatch):
     )
     here = SE2.identity()
     told = Prediction(here, here, np.eye(3), np.eye(3), noise=1.0, is_coasting=False)
-    found = front_end._candidates.around(front_end._seen(front_end._beams(second)), told, None)
+    found = front_end._placing.candidates.around(
+        front_end._seen(front_end._beams(second)), told, None
+    )
     assert found.T_map_base.x == pytest.approx(1.0)
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from slam.frontend.constant_velocity import ConstantVelocity
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import StepStatus
@@ -239,12 +240,14 @@ def test_wheels_that_stand_while_scans_turn_say_nothing_of_how_far_the_robot_wen
     )
     last, sure = SE2(2.0, 1.0, math.pi - 0.1), 1e-4 * np.eye(3)
     led = last @ SE2(led_m, 0.0, 0.0)
-    told = Prediction(last, led, sure, np.linalg.inv(sure), 1.0, is_coasting=False)
+    velocity = ConstantVelocity()
+    velocity.take(SE2.identity(), SE2(0.9, 0.0, 0.3), 2.0)
+    told = Prediction(
+        last, led, sure, np.linalg.inv(sure), 1.0, is_coasting=False, usual=velocity.motion(3.0)
+    )
     there = last @ SE2(0.1, 0.0, turn_rad)
     weak = SurfaceMatch(there, np.diag([1.0, 0.01, 1.0]), np.zeros((3, 3)), 1.0, 1.0, 0.1, 1.0)
     front_end = FrontEnd(SE2.identity())
-    front_end._velocity.take(SE2.identity(), SE2(0.9, 0.0, 0.3), 2.0)
-    front_end._elapsed_s = 3.0
     assert front_end._is_open(weak, np.zeros((0, 3)), told) is is_open
     # by as far as it went before
     assert ways_m == pytest.approx(
@@ -266,7 +269,7 @@ def test_after_scans_that_left_the_way_open_the_robot_may_be_as_far_off_as_it_we
     open_, blind = (weak, StepStatus.MATCHED, 0.0), (None, StepStatus.CARRIED, 0.0)
     broken = None, StepStatus.BROKEN, 0.0
     placed = iter([open_, open_, open_, open_, blind, open_, broken, open_])
-    monkeypatch.setattr(front_end, "_believed", lambda *_: next(placed))
+    monkeypatch.setattr(front_end._placing, "believed", lambda *_: next(placed))
     for k in range(8):
         scan = scan_of(BARE, SE2.identity(), rng, 0.01, range_max_m=8.0)
         front_end.T_map_base = SE2.identity()
