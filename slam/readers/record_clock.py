@@ -34,6 +34,13 @@ class RecordClock:
         return sum(self._intervals_s) / max(len(self._intervals_s), 1)
 
     @property
+    def trembles_s(self) -> float:
+        """Standard deviation of the intervals lately: a stamp may be off by as much."""
+        usual_s = self.usual_s
+        squares = sum((one_s - usual_s) ** 2 for one_s in self._intervals_s)
+        return math.sqrt(squares / max(len(self._intervals_s), 1))
+
+    @property
     def elapsed_s(self) -> float:
         """What the last record took: as long as usual, where it came at once with another."""
         return max(self.since_s, self.usual_s)

@@ -100,7 +100,7 @@ class _Run:
         self._doubts_m: list[float] = []
         self._elapsed_s = self._by_stamps_m = self._as_usual_m = 0.0
 
-    def take(self, record: LogRecord, step: _Step, pace: _Pace) -> None:
+    def take(self, record: LogRecord, step: _Step, pace: _Pace, trembles_s: float) -> None:
         """The next step, and the record that tells of it."""
         self.steps.append(step)
         by_stamps_m, as_usual_m = ahead_m = pace.ahead_m(step)
@@ -114,8 +114,9 @@ class _Run:
         most_m = max(_OFF_M, _SPEEDS_UP_MPS2 * self._elapsed_s**2 / 2.0)
         self.is_impossible |= _off_m(all_ahead_m) > most_m
         self.is_made_up = max(map(abs, all_ahead_m)) < _MADE_UP * pace.usual_m(step)
-        of_step_m = max(_OFF_M, _SPEEDS_UP_MPS2 * middle_s * step.since_s)
-        self.add(record, max(_off_m(ahead_m) - of_step_m, 0.0))
+        robots_m = max(_OFF_M, _SPEEDS_UP_MPS2 * middle_s * step.since_s)
+        stamps_m = abs(pace.usual_m(step)) / step.usual_s * trembles_s
+        self.add(record, max(_off_m(ahead_m) - robots_m - stamps_m, 0.0))
 
     def add(self, record: LogRecord, doubt_m: float = 0.0) -> None:
         """A record, by how much more it tells of than any robot does."""
@@ -186,7 +187,7 @@ class UnevenOdometry:
         if is_even and (not waiting or self._run.is_made_up):
             self._pace.take(step)
             return [*self.rest(), self._gone_on(record)]
-        self._run.take(record, step, self._pace)
+        self._run.take(record, step, self._pace, self._clock.trembles_s)
         if not self._run.is_over:
             return []
         for one in self._run.steps:
