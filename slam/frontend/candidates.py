@@ -46,9 +46,8 @@ class Candidates:
         for start in told.others:
             other = self._surfaces.match(points, start, T_predicted, told.odometry)
             match = other if other.cost < match.cost - better else match
-        if (
-            told.other is not None
-        ):  # odometry jumped, or did not: the robot went the one way or the other
+        if told.other is not None:
+            # odometry jumped, or did not: the robot went the one way or the other
             ends = [T_predicted, *told.others]
             match = match if self._is_from(match, ends, config.reach_m) else self.held(points, told)
         if told.squared(match) > config.trust:

@@ -120,8 +120,7 @@ class FrontEnd:
     def _predicted(self, measurement: Measurement, other: SE2 | None) -> Prediction:
         """Where the wheels lead; the covariance since the last keyframe grows by that."""
         self._blind_m += self._way_m(measurement)
-        T_last, usual = self.T_map_base, self._velocity.motion(self._elapsed_s)
-        motion = self._motion(measurement, usual)
+        T_last, motion = self.T_map_base, self._motion(measurement)
         is_coasting = motion is not measurement.motion
         step, told = told_step(measurement, self.config.step_sigma), self.wheel_scale.scaled(motion)
         T_predicted = T_last @ told
@@ -135,7 +134,7 @@ class FrontEnd:
         noise, odometry = self.wheel_scale.noise, inverse_of(held)
         return Prediction(
             T_last, T_predicted, self._P, odometry, noise, is_coasting, other,
-            elapsed_s=self._elapsed_s, blind_m=self._blind_m, usual=usual,
+            elapsed_s=self._elapsed_s, blind_m=self._blind_m, goes_on=self._velocity,
         )  # fmt: skip
 
     def _without_people(
@@ -180,12 +179,13 @@ class FrontEnd:
         # wheels that it contradicts tell nothing of how far along it lies
         return match.loosened_along_open(self.config.reach_m) if is_open else match
 
-    @staticmethod
-    def _motion(measurement: Measurement, usual: SE2 | None) -> SE2:
+    def _motion(self, measurement: Measurement) -> SE2:
         """Since the last scan; where nothing measured it, as fast as the one before: of nine simulated
         logs of scans alone that had failed or were off, four became right by it, one worse."""
         motion = measurement.motion
-        return motion if is_told(measurement) or motion != SE2.identity() else usual or motion
+        if is_told(measurement) or motion != SE2.identity():
+            return motion
+        return self._velocity.motion(self._elapsed_s) or motion
 
     def _learn_scale(self, T_predicted: SE2, match: SurfaceMatch) -> None:
         """What a scan says of the wheels' scale, by as much as scans are let pull at the pose."""

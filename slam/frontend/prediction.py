@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 from slam.arrays import FloatArray
+from slam.frontend.constant_velocity import ConstantVelocity
 from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.strays import apart_m
 from slam.kernels.normal_equations import inverse_of, squared_innovation
@@ -32,7 +33,7 @@ class Prediction:
     if is_coasting: nobody measured the motion, and the robot goes on as it did. noise: of the wheels,
     see `WheelScale`. other: a motion that may have been in its place. are_people: from the last
     keyframe, since what scans saw walked along. elapsed_s: since the last scan. blind_m: the way since one
-    told anything. usual: the motion meanwhile if the robot goes on as it did; None: not known.
+    told anything. goes_on: how the robot went so far; None: not known.
     """
 
     T_last: SE2
@@ -45,13 +46,18 @@ class Prediction:
     are_people: bool = False
     elapsed_s: float = math.inf
     blind_m: float = 0.0
-    usual: SE2 | None = None
+    goes_on: ConstantVelocity | None = None
 
     @lazy
     def is_guess(self) -> bool:
         """Whether next to nothing is known of the way since the last scan."""
         (xx, _, _), (_, yy, _), (_, _, turn) = self.covariance.tolist()
         return bool(max(xx, yy) > GUESS_M**2 or turn > _GUESS_RAD**2)
+
+    @lazy
+    def usual(self) -> SE2 | None:
+        """The motion since the last scan if the robot went on as it did; None where that is not known."""
+        return None if self.goes_on is None else self.goes_on.motion(self.elapsed_s)
 
     @property
     def sigma_m(self) -> float:

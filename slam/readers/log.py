@@ -142,7 +142,7 @@ class MotionSinceScan:
                 self._T_fix = self.T_odom_base @ step @ record.T_odom_base.inverse()
             noise = self._noise(step) if unsure is None else self._noise(step) + unsure
             late_m, late_rad = record.late_sigma
-            if late_m or late_rad:
+            if step is told and (late_m or late_rad):
                 noise = noise + np.diag(np.square([late_m, late_m, late_rad]))
             self._covariance = compose_covariance(self._covariance, step, noise)
             self._motion = self._motion @ step

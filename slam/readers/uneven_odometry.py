@@ -42,15 +42,22 @@ class _Step:
     since_s: float
     usual_s: float
 
+    def ahead_m(self, before: _Step) -> tuple[float, float]:
+        """How much farther than in another the robot went, by either clock."""
+        by_stamps_m = self.way_m - before.way_m / before.since_s * self.since_s
+        return by_stamps_m, self.way_m - before.way_m / before.usual_s * self.usual_s
+
 
 class _Pace:
     """How fast a robot goes, by the stamps of its records and by a clock that goes evenly."""
 
     def __init__(self) -> None:
         self._by_stamps, self._as_usual = _Speeds(), _Speeds()
+        self.last: _Step | None = None
 
     def take(self, step: _Step) -> None:
         """Notes one."""
+        self.last = step
         self._by_stamps.take(step.way_m / step.since_s)
         self._as_usual.take(step.way_m / step.usual_s)
 
@@ -58,6 +65,11 @@ class _Pace:
         """How much farther than at its pace the robot went, by either clock."""
         by_stamps_m = step.way_m - self._by_stamps.pace_mps * step.since_s
         return by_stamps_m, step.way_m - self._as_usual.pace_mps * step.usual_s
+
+    @property
+    def direction(self) -> float:
+        """1 for a robot that goes ahead, -1 for one that goes backwards."""
+        return math.copysign(1.0, self._as_usual.pace_mps)
 
     def usual_m(self, step: _Step) -> float:
         """How far it goes in a record; 0 where it is too slow to tell of it, or goes unevenly."""
@@ -69,9 +81,7 @@ class _Pace:
         least_m = _UNEVEN * self.usual_m(step)
         if least_m == 0.0 or _off_m(self.ahead_m(step)) <= least_m:
             return False
-        by_stamps_m = step.way_m - self._by_stamps.last_mps * step.since_s
-        as_usual_m = step.way_m - self._as_usual.last_mps * step.usual_s
-        return _off_m((by_stamps_m, as_usual_m)) > least_m
+        return self.last is not None and _off_m(step.ahead_m(self.last)) > least_m
 
 
 class _Speeds:
@@ -79,12 +89,11 @@ class _Speeds:
 
     def __init__(self) -> None:
         self._mps = deque[float](maxlen=_STEPS)
-        self.last_mps = self.pace_mps = 0.0
+        self.pace_mps = 0.0
 
     def take(self, speed_mps: float) -> None:
         """Notes one."""
         self._mps.append(speed_mps)
-        self.last_mps = speed_mps
         if len(self._mps) == _STEPS:
             _, low, middle, high, _ = sorted(self._mps)
             self.pace_mps = middle if high - low <= _UNEVEN * abs(middle) else 0.0
@@ -96,27 +105,33 @@ class _Run:
     def __init__(self) -> None:
         self.records: list[LogRecord] = []
         self.steps: list[_Step] = []
-        self.is_impossible = self.is_made_up = False
+        self.is_made_up = self._is_impossible = self._is_back = False
         self._doubts_m: list[float] = []
         self._elapsed_s = self._by_stamps_m = self._as_usual_m = 0.0
 
     def take(self, record: LogRecord, step: _Step, pace: _Pace, trembles_s: float) -> None:
         """The next step, and the record that tells of it."""
-        self.steps.append(step)
-        by_stamps_m, as_usual_m = ahead_m = pace.ahead_m(step)
-        middle_s, self._elapsed_s = (
-            self._elapsed_s + step.since_s / 2.0,
-            self._elapsed_s + step.since_s,
-        )
-        self._by_stamps_m += by_stamps_m
-        self._as_usual_m += as_usual_m
+        usual_m, ahead_m = pace.usual_m(step), pace.ahead_m(step)
+        self._elapsed_s += step.since_s
+        self._by_stamps_m += ahead_m[0]
+        self._as_usual_m += ahead_m[1]
         all_ahead_m = self._by_stamps_m, self._as_usual_m
         most_m = max(_OFF_M, _SPEEDS_UP_MPS2 * self._elapsed_s**2 / 2.0)
-        self.is_impossible |= _off_m(all_ahead_m) > most_m
-        self.is_made_up = max(map(abs, all_ahead_m)) < _MADE_UP * pace.usual_m(step)
-        robots_m = max(_OFF_M, _SPEEDS_UP_MPS2 * middle_s * step.since_s)
-        stamps_m = abs(pace.usual_m(step)) / step.usual_s * trembles_s
-        self.add(record, max(_off_m(ahead_m) - robots_m - stamps_m, 0.0))
+        self._is_impossible |= _off_m(all_ahead_m) > most_m
+        self.is_made_up = max(map(abs, all_ahead_m)) < _MADE_UP * usual_m
+        # who is set elsewhere for a moment comes back: that is no way
+        self._is_back |= step.way_m * pace.direction < -_MADE_UP * usual_m
+        before = self.steps[-1] if self.steps else pace.last
+        off_m = min(_off_m(ahead_m), _off_m(step.ahead_m(before))) if before else 0.0
+        robots_m = max(_OFF_M, _SPEEDS_UP_MPS2 * step.since_s**2)
+        stamps_m = usual_m / step.usual_s * trembles_s
+        self.steps.append(step)
+        self.add(record, max(off_m - robots_m - stamps_m, 0.0))
+
+    @property
+    def is_uneven(self) -> bool:
+        """Whether the robot went as far evenly."""
+        return self._is_impossible and self.is_made_up and not self._is_back
 
     def add(self, record: LogRecord, doubt_m: float = 0.0) -> None:
         """A record, by how much more it tells of than any robot does."""
@@ -181,7 +196,7 @@ class UnevenOdometry:
             if not waiting:
                 return [self._gone_on(record)]
             self._run.add(record)
-            return []
+            return self.rest() if self._run.is_over else []
         step = _Step(motion.x, max(since_s, _BRIEF * usual_s), usual_s)
         is_even = not self._pace.is_uneven(step)
         if is_even and (not waiting or self._run.is_made_up):
@@ -200,7 +215,7 @@ class UnevenOdometry:
         if not run.records or before is None:
             return []
         has_time = run.records[-1].time_s > before.time_s  # stamps may stand
-        is_uneven = run.is_made_up and run.is_impossible and has_time
+        is_uneven = run.is_uneven and has_time
         told = list(run.evenly_from(before)) if is_uneven else run.as_told()
         self._before, self._run = told[-1], _Run()
         return told

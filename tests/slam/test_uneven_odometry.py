@@ -2,11 +2,15 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from slam.measurements import LaserScan
+from slam.readers.log import MotionSinceScan
+from slam.readers.log_odometry import USUAL_NOISE
 from slam.readers.log_record import LogRecord
 from slam.readers.uneven_odometry import UnevenOdometry
 from slam.se2 import SE2
@@ -86,6 +90,7 @@ def test_ways_that_make_up_for_each_other_were_driven_evenly(uneven_m, turn_rad_
         ([*[0.03] * 20, 0.0, 0.06, *[0.03] * 10], None),
         ([0.0, 0.5] * 10, None),  # odometry that is told half as often as scans are taken
         (driven(0.2, 0.3), None),  # scans bear so much
+        ([*[0.2] * 20, 0.132, 0.0, 0.0, 0.0], None),  # 3.4 m/s2: as mines-exp2 brakes
     ],
 )
 def test_what_robots_do_is_as_told(ways, intervals_s):
@@ -99,8 +104,26 @@ def test_leap_that_nothing_makes_up_for_is_unsure_by_as_much_as_no_robot_does():
     found = told(records)
     assert [one.T_odom_base for one in found] == [one.T_odom_base for one in records]
     sigmas_m = [one.late_sigma[0] for one in found]
-    assert 0.5 * STEP_M < sigmas_m[21] < STEP_M
+    assert sigmas_m[21] == pytest.approx(STEP_M - 4.0 * INTERVAL_S**2)
     assert sum(sigmas_m) == sigmas_m[21]
+
+
+@pytest.mark.parametrize("uneven_m", [(10.25, -9.75), (0.85, 0.25, -0.35), (-0.55, 0.25, 1.05)])
+def test_pose_that_is_wrong_for_a_moment_is_not_spread_over_the_way(uneven_m):
+    records = records_of(driven(*uneven_m))
+    assert [one.T_odom_base for one in told(records)] == [one.T_odom_base for one in records]
+
+
+def test_jump_that_is_not_believed_is_as_unsure_as_what_the_robot_did_instead():
+    records = records_of([*[STEP_M] * 40, 10.0, *[STEP_M] * 30])
+    seen = [
+        replace(one, scan=LaserScan(one.time_s, np.zeros(1), np.ones(1))) for one in told(records)
+    ]
+    assert max(one.late_sigma[0] for one in seen) > 9.0
+    motion = MotionSinceScan(USUAL_NOISE.covariance)
+    found = [one for record in seen if (one := motion.add(record)) is not None]
+    assert max(one.motion.x for one in found) == pytest.approx(STEP_M)
+    assert max(one.motion_covariance[0, 0] for one in found) < 0.5**2
 
 
 def test_robot_that_speeds_up_is_not_doubted_for_going_faster_since():
@@ -128,6 +151,13 @@ def test_record_that_says_the_same_again_is_where_the_other_is():
     for one, other in zip(found[::2], found[1::2], strict=True):
         assert one.T_odom_base.is_near(other.T_odom_base, 1e-9, 1e-9)
     assert ways_m(found[::2]) == pytest.approx([STEP_M] * (len(records) - 1))
+
+
+def test_records_that_say_the_same_for_ever_do_not_wait_for_ever():
+    first = records_of([*[STEP_M] * 20, 0.0])
+    given = given_by([*first, *[first[-1]] * 2000])
+    waiting = np.cumsum([1 - len(one) for one in given])
+    assert waiting.max() <= 258
 
 
 @pytest.mark.parametrize("stamps", ["stand", "go back"])

@@ -243,7 +243,14 @@ def test_wheels_that_stand_while_scans_turn_say_nothing_of_how_far_the_robot_wen
     velocity = ConstantVelocity()
     velocity.take(SE2.identity(), SE2(0.9, 0.0, 0.3), 2.0)
     told = Prediction(
-        last, led, sure, np.linalg.inv(sure), 1.0, is_coasting=False, usual=velocity.motion(3.0)
+        last,
+        led,
+        sure,
+        np.linalg.inv(sure),
+        1.0,
+        is_coasting=False,
+        elapsed_s=3.0,
+        goes_on=velocity,
     )
     there = last @ SE2(0.1, 0.0, turn_rad)
     weak = SurfaceMatch(there, np.diag([1.0, 0.01, 1.0]), np.zeros((3, 3)), 1.0, 1.0, 0.1, 1.0)
