@@ -14,8 +14,6 @@ from slam.readers.record_clock import RecordClock
 from slam.readers.record_dropouts import LIKE, NOTHING
 from slam.se2 import SE2
 
-_BRIEF = 0.5
-"""Usual intervals: a scan's record that comes as soon says again where the odometry's own was."""
 _WAITS_S, _WAITING = 10.0, 2048
 """Before so long, or so many records, it is believed to have stood. Chosen."""
 _STANDS_S, _LONG_S = 1.0, 2.0
@@ -103,9 +101,7 @@ class LateOdometry:
 
     def _standing(self, record: LogRecord) -> list[LogRecord]:
         """A record that says the same as the last one."""
-        since_s = self._clock.since_s
-        is_brief = not since_s > _BRIEF * self._clock.usual_s
-        if not self._waiting and is_brief:
+        if not self._waiting and self._clock.is_brief:
             return [self._gone_on(record)]
         self._waiting.append(record)
         if record.scan is not None and self._stands_still(record):

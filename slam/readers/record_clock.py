@@ -8,6 +8,9 @@ from collections import deque
 _INTERVALS = 21
 """Chosen: between records, of which the mean is the usual one. Records may come some at once."""
 
+BRIEF = 0.5
+"""Usual intervals, within which a record comes at once with the one before. Chosen."""
+
 
 class RecordClock:
     """Told the stamp of each record. since_s: from the one before; nan at the first, and of those that stand or
@@ -32,6 +35,11 @@ class RecordClock:
     def usual_s(self) -> float:
         """Between two records lately; 0 where none is known."""
         return sum(self._intervals_s) / max(len(self._intervals_s), 1)
+
+    @property
+    def is_brief(self) -> bool:
+        """Whether the last record came at once with the one before: it may say again where odometry was."""
+        return not self.since_s > BRIEF * self.usual_s
 
     @property
     def trembles_s(self) -> float:

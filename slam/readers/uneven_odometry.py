@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from slam.readers.log_record import LogRecord
-from slam.readers.record_clock import RecordClock
+from slam.readers.record_clock import BRIEF, RecordClock
 from slam.readers.record_dropouts import NOTHING
 from slam.se2 import SE2
 
@@ -27,8 +27,6 @@ _ALIKE, _ANEW = 0.2, 3
 """So many steps in a row that differ by that share at most are a pace of their own."""
 _LONG_S, _MOST = 1.5, 256
 """For which, and how many, records wait at most: by then the robot goes otherwise than before."""
-_BRIEF = 0.5
-"""Usual intervals: a record that comes as soon with the same pose says again where odometry was."""
 _SIGMA = 0.1
 """Of the way that is told anew, by which the robot may have driven unevenly. Chosen, all of them."""
 
@@ -129,8 +127,8 @@ class _Run:
         self.add(record, max(off_m - robots_m - stamps_m, 0.0))
 
     @property
-    def is_uneven(self) -> bool:
-        """Whether the robot went as far evenly."""
+    def was_even(self) -> bool:
+        """Whether the robot went evenly, and odometry told of it unevenly."""
         return self._is_impossible and self.is_made_up and not self._is_back
 
     def add(self, record: LogRecord, doubt_m: float = 0.0) -> None:
@@ -192,14 +190,13 @@ class UnevenOdometry:
         if last is None or since_s < 0.0 or not usual_s > 0.0:  # a clock set back tells nothing
             return [*self.rest(), self._gone_on(record)]
         motion = last.T_odom_base.inverse() @ record.T_odom_base
-        if since_s <= _BRIEF * usual_s and motion.is_near(SE2.identity(), NOTHING, NOTHING):
+        if self._clock.is_brief and motion.is_near(SE2.identity(), NOTHING, NOTHING):
             if not waiting:
                 return [self._gone_on(record)]
             self._run.add(record)
             return self.rest() if self._run.is_over else []
-        step = _Step(motion.x, max(since_s, _BRIEF * usual_s), usual_s)
-        is_even = not self._pace.is_uneven(step)
-        if is_even and (not waiting or self._run.is_made_up):
+        step = _Step(motion.x, max(since_s, BRIEF * usual_s), usual_s)
+        if not self._pace.is_uneven(step) and (not waiting or self._run.is_made_up):
             self._pace.take(step)
             return [*self.rest(), self._gone_on(record)]
         self._run.take(record, step, self._pace, self._clock.trembles_s)
@@ -215,8 +212,7 @@ class UnevenOdometry:
         if not run.records or before is None:
             return []
         has_time = run.records[-1].time_s > before.time_s  # stamps may stand
-        is_uneven = run.is_uneven and has_time
-        told = list(run.evenly_from(before)) if is_uneven else run.as_told()
+        told = list(run.evenly_from(before)) if run.was_even and has_time else run.as_told()
         self._before, self._run = told[-1], _Run()
         return told
 
