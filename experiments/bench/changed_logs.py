@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from experiments.bench.log_changes import Change
-from experiments.bench.map_end import MOST_M, MOST_RMSE_M, MapEnd
+from experiments.bench.map_end import MOST_M, MOST_RMSE_M, MapEnd, table_of
 from experiments.evaluation import evaluated
 from experiments.progress import CountProgress
 from experiments.reference_files import read_reference
 from experiments.slam_log import check_same_time, default_mapped
+from experiments.tables import wide_console
 from slam.readers.log import Log
 from slam.readers.recognition import read_log
 from slam.trajectory import Trajectory
 
-CAPTION = (
+_CAPTION = (
     f"Position error of the scans against the reference; right: at most {MOST_RMSE_M:g} m"
     f" (RMS) and below {MOST_M:g} m."
 )
@@ -41,12 +42,27 @@ def read_referenced(log_path: Path, reference: Path) -> tuple[Log, Trajectory]:
     return log, against
 
 
+def print_ends(
+    log: Log,
+    against: Trajectory,
+    cases: Sequence[Case],
+    repeats: int,
+    seed: int,
+    bench: str,
+    title: str,
+) -> bool:
+    """Changes, maps and prints the table; whether no wrong map was called good. bench: its name."""
+    found = measured(log, against, cases, repeats, seed, bench)
+    wide_console().print(table_of(found, bench, title, _CAPTION))
+    return not any(one.is_deceptive for one in found)
+
+
 def measured(
-    log: Log, against: Trajectory, cases: Sequence[Case], repeats: int, seed: int, title: str
+    log: Log, against: Trajectory, cases: Sequence[Case], repeats: int, seed: int, bench: str
 ) -> list[MapEnd]:
-    """Each case, drawn anew in each repeat; the log as it is first. title: of the progress bar."""
+    """Each case, drawn anew in each repeat; the log as it is first."""
     found = [_ended(log, against, "none")]
-    with CountProgress(title, len(cases) * repeats) as progress:
+    with CountProgress(bench, len(cases) * repeats) as progress:
         for children in np.random.SeedSequence(seed).spawn(repeats):
             for case, own in zip(cases, children.spawn(len(cases)), strict=True):
                 changed = case.change(log, np.random.default_rng(own))

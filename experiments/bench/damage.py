@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.bench.changed_logs import CAPTION, Case, measured, read_referenced
+from experiments.bench.changed_logs import Case, print_ends, read_referenced
 from experiments.bench.log_changes import (
     Change,
     keeping,
@@ -18,8 +18,6 @@ from experiments.bench.log_changes import (
     with_wheels,
     without_wheels,
 )  # fmt: skip
-from experiments.bench.map_end import table_of
-from experiments.tables import wide_console
 from slam.measurements import LaserScan
 from slam.readers.log import Log
 from slam.readers.log_record import LogRecord
@@ -45,13 +43,16 @@ def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) ->
     Raises ValueError for files that are not what they should be, or too short to be damaged.
     """
     log, against = read_referenced(log_path, reference)
-    if log.scan_count < 1.0 / (_INNER[1] - _INNER[0]):
-        raise ValueError(f"{log_path}: {log.scan_count} scans are too few to damage some of them")
+    check_length(log_path, log.scan_count)
     cases = [Case(of, change, against) for of, change in DAMAGES.items()]
-    found = measured(log, against, cases, repeats, seed, "damage")
     title = f"{log.name} damaged, each way {repeats} times, seed {seed}"
-    wide_console().print(table_of(found, "damage", title, CAPTION))
-    return not any(one.is_deceptive for one in found)
+    return print_ends(log, against, cases, repeats, seed, "damage", title)
+
+
+def check_length(path: Path, scans: int) -> None:
+    """Raises ValueError for too few scans to damage some of them."""
+    if scans < 1.0 / (_INNER[1] - _INNER[0]):
+        raise ValueError(f"{path}: {scans} scans are too few to damage some of them")
 
 
 def _some_scans_lost(log: Log, rng: np.random.Generator) -> Log:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import reduce
 
 import numpy as np
 
@@ -15,6 +16,11 @@ from slam.readers.log_record import LogRecord
 from slam.se2 import SE2
 
 Change = Callable[[Log, np.random.Generator], Log]
+
+
+def in_turn(*changes: Change) -> Change:
+    """One change after the other."""
+    return lambda log, rng: reduce(lambda so_far, change: change(so_far, rng), changes, log)
 
 
 def with_records(log: Log, changed: Callable[[Iterable[LogRecord]], Iterator[LogRecord]]) -> Log:

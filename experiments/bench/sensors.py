@@ -6,22 +6,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import reduce
 from pathlib import Path
 
 import numpy as np
 
-from experiments.bench.changed_logs import CAPTION, Case, measured, read_referenced
+from experiments.bench.changed_logs import Case, print_ends, read_referenced
 from experiments.bench.log_changes import (
     Change,
+    in_turn,
     keeping,
     with_records,
     with_scans,
     with_wheels,
     without_wheels,
 )
-from experiments.bench.map_end import table_of
-from experiments.tables import wide_console
 from slam.measurements import LaserScan
 from slam.readers.log import Log
 from slam.se2 import SE2
@@ -41,10 +39,8 @@ def print_benchmark(log_path: Path, reference: Path, repeats: int, seed: int) ->
     Raises ValueError for files that are not what they should be.
     """
     log, against = read_referenced(log_path, reference)
-    found = measured(log, against, cases(against), repeats, seed, "sensors")
     title = f"{log.name} by other sensors, each {repeats} times, seed {seed}"
-    wide_console().print(table_of(found, "sensors", title, CAPTION))
-    return not any(one.is_deceptive for one in found)
+    return print_ends(log, against, cases(against), repeats, seed, "sensors", title)
 
 
 def cases(against: Trajectory) -> list[Case]:
@@ -131,10 +127,6 @@ def _counting_down(scan: LaserScan) -> LaserScan:
     return replace(scan, time_s=-scan.time_s, beam_times_s=times_s)
 
 
-def _then(*changes: Change) -> Change:
-    return lambda log, rng: reduce(lambda so_far, change: change(so_far, rng), changes, log)
-
-
 SENSORS: dict[str, Change] = {
     "every second beam": _every_second_beam,
     "a fan of 120 degrees": _fan(120.0),
@@ -147,12 +139,12 @@ SENSORS: dict[str, Change] = {
     "one scan of six": _every_scan(6),
     f"wheels {100 * _DRIFT[0]:g} % off, and drifting": _drift,
     f"a laser {_AHEAD_M:g} m ahead, untold": _laser_ahead,
-    "no wheels, every second beam": _then(without_wheels, _every_second_beam),
-    "no wheels, a fan of 120 degrees": _then(without_wheels, _fan(120.0)),
-    "no wheels, ranges up to 8 m": _then(without_wheels, _range(8.0)),
+    "no wheels, every second beam": in_turn(without_wheels, _every_second_beam),
+    "no wheels, a fan of 120 degrees": in_turn(without_wheels, _fan(120.0)),
+    "no wheels, ranges up to 8 m": in_turn(without_wheels, _range(8.0)),
 }
 BACKWARDS: dict[str, Change] = {
     "driven backwards": _backwards,
-    "driven backwards, no wheels": _then(_backwards, without_wheels),
-    "driven backwards, ranges up to 8 m": _then(_backwards, _range(8.0)),
+    "driven backwards, no wheels": in_turn(_backwards, without_wheels),
+    "driven backwards, ranges up to 8 m": in_turn(_backwards, _range(8.0)),
 }

@@ -129,6 +129,19 @@ def sensors(
 
 
 @app.command()
+def combined(
+    log: Log,
+    reference: Reference,
+    pairs: Annotated[int, typer.Option(min=1, help="Of a sensor and a damage, drawn.")] = 20,
+    seed: Seed = 0,
+) -> int:
+    """A log by other sensors, and damaged as well: a right map, or one called failed?"""
+    from experiments.bench.combined import print_benchmark
+
+    return 0 if print_benchmark(log, reference, pairs, seed) else 1
+
+
+@app.command()
 def buildings(
     odometry: Annotated[
         str, typer.Option(help="Of the logs: usual, bad (8 to 15 cm off after a metre), or none.")

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from experiments.bench import changed_logs, damage
+from experiments.bench import changed_logs
 from experiments.bench.damage import DAMAGES
 from experiments.bench.log_changes import Change, keeping
 from experiments.bench.map_end import MOST_M, MOST_RMSE_M, MapEnd
@@ -165,7 +165,7 @@ def test_a_wrong_map_called_good_counts_and_no_other(monkeypatch, capsys):
     for rmse_m, max_m in ((0.16, 0.3), (0.1, 0.6)):
         assert MapEnd("x", 20, True, (), rmse_m, max_m, 0.1, 0.15, 0.5).is_deceptive
     bench = ["bench", "damage", str(LOG), "--reference", str(REFERENCE)]
-    monkeypatch.setattr(damage, "measured", lambda *_: list(ends.values()))
+    monkeypatch.setattr(changed_logs, "measured", lambda *_: list(ends.values()))
     assert main(bench) == 0
     ends["blind"] = MapEnd("blind", 20, True, (), 2.0, 9.0, 0.1, 0.15, 0.5)
     assert main(bench) == 1
@@ -179,7 +179,7 @@ def test_log_too_short_to_be_damaged_is_refused(tmp_path, capsys, monkeypatch):
     assert said.endswith("1 scans are too few to damage some of them")
 
 
-@pytest.mark.parametrize("bench", ["damage", "continued", "sensors"])
+@pytest.mark.parametrize("bench", ["damage", "continued", "sensors", "combined"])
 def test_reference_of_another_time_is_refused_before_anything_is_mapped(
     bench, tmp_path, capsys, monkeypatch
 ):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.bench import sensors
+from experiments.bench import changed_logs, sensors
 from experiments.bench.map_end import MapEnd
 from experiments.bench.sensors import BACKWARDS, SENSORS
 from experiments.cli import main
@@ -87,7 +87,7 @@ def test_backwards_the_last_scan_is_the_first_and_time_goes_on(log):
 def test_a_wrong_map_called_good_counts(monkeypatch, capsys):
     ends = [MapEnd("none", 20, True, (), 0.02, 0.1, 0.1, 0.15, 0.5)]
     bench = ["bench", "sensors", str(LOG), "--reference", str(REFERENCE)]
-    monkeypatch.setattr(sensors, "measured", lambda *_: ends)
+    monkeypatch.setattr(changed_logs, "measured", lambda *_: ends)
     assert main(bench) == 0
     ends.append(MapEnd("blind", 20, True, (), 2.0, 9.0, 0.1, 0.15, 0.5))
     assert main(bench) == 1
