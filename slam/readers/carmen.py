@@ -37,6 +37,8 @@ from slam.readers.silent_wheels import SILENT, SilentWheels
 from slam.se2 import SE2
 
 _LOG_DECIMALS = 6
+_LEAST_SHARE = 0.1
+"""Of the lines of the laser that has most, of one that is preferred to it. Chosen: a stray line is no log."""
 _MOUNTING_TOLERANCE = 1e-3
 """By which the mounting may differ from scan to scan; chosen: logs with three decimals do so."""
 # Of PARAM lines robot_frontlaser_.. and robot_rearlaser_..: where CARMEN has the sensor.
@@ -52,15 +54,16 @@ class CarmenConfig:
 
     first_beam_rad, step_rad: of FLASER lines; None takes the usual ones of sensors with so many
     beams, or the step of a PARAM line. range_max_m: what is not below it is no return (logs write
-    81.83, 81.91 or 50.00); lines that announce a maximum range go by their own. Of either, what the
+    81.83 or 81.91); lines that announce a maximum range go by their own. Of either, what the
     log shows to be its code for no return (`NoReturnSearch`) is none as well. T_base_laser: the
     mounting; None takes it from the poses in the log, or from its PARAM lines. laser: the name of
-    the lines to read, where there are several; None takes the first of `LASERS` that there is.
+    the lines to read, where there are several; None takes the first of `LASERS` that there is, but
+    for stray lines.
     """
 
     first_beam_rad: float | None = None
     step_rad: float | None = None
-    range_max_m: float = 50.0
+    range_max_m: float = 80.0
     T_base_laser: SE2 | None = None
     laser: str | None = None
     noise: LogOdometryNoise = USUAL_NOISE
@@ -102,7 +105,12 @@ def read_carmen(path: str | Path, config: CarmenConfig | None = None) -> Log:
         noise=config.noise.covariance if has_odometry else unknown_motion,
         has_odometry=has_odometry,
         is_blind=survey.codes[laser].is_blind,
-        notes=((SILENT,) if has_poses and is_silent else ()) + own_parts_said(is_own),
+        notes=(
+            *((SILENT,) if has_poses and is_silent else ()),
+            *own_parts_said(is_own),
+            *survey.left_out(laser),
+            *survey.mounting_denied(laser, config),
+        ),
     )
 
 
@@ -197,8 +205,9 @@ class _Survey:
     def chosen_laser(self, config: CarmenConfig) -> str:
         """The name of the lines that are the scans. Raises ValueError where there are none."""
         asked = LASERS if config.laser is None else (config.laser,)
+        most = max(self.counts[laser] for laser in asked)
         for laser in asked:
-            if self.counts[laser]:
+            if self.counts[laser] and self.counts[laser] >= _LEAST_SHARE * most:
                 return laser
         kinds = "FLASER, ROBOTLASER1 or RAWLASER" if config.laser is None else config.laser
         raise ValueError(f"{self.name}: no {kinds} line, so no scan to work with")
@@ -231,6 +240,24 @@ class _Survey:
                 " (its pose is not in the frame of the odometry?); give T_base_laser"
             )
         return _USUAL_MOUNTINGS.get(laser, SE2.identity())
+
+    def left_out(self, laser: str) -> tuple[str, ...]:
+        """In words, lines of other lasers, which are not taken."""
+        others = [f"{self.counts[name]} {name}" for name in LASERS if self.counts[name]]
+        others.remove(f"{self.counts[laser]} {laser}")
+        return (f"{laser} is taken, and not {', '.join(others)}",) if others else ()
+
+    def mounting_denied(self, laser: str, config: CarmenConfig) -> tuple[str, ...]:
+        """In words, that parameters have the sensor elsewhere than the poses of the scans, which are believed."""
+        is_asked = config.T_base_laser is None and not self.is_silent(laser)
+        told = self._mounting_by_parameters(laser) if is_asked else None
+        taken = self.mounting(laser, config)
+        if told is None or taken.is_near(told, _MOUNTING_TOLERANCE, _MOUNTING_TOLERANCE):
+            return ()
+        return (
+            f"the poses of the scans have the laser {taken.x:g} m ahead, the PARAM lines"
+            f" {told.x:g} m: the poses are believed; else give --mount",
+        )
 
     def _mounting_by_parameters(self, laser: str) -> SE2 | None:
         side = "rear" if laser == "RAWLASER2" else "front"

@@ -49,6 +49,8 @@ STEP_PARAMETER = "laser_front_laser_resolution"
 _FULL_TURN_DEG = 360.0
 _LEAST_STEP_RAD = 1e-6
 """Chosen: a thousandth of what lasers have; beams closer than that may point the same way."""
+_CODES_M = (50.0,)
+"""What drivers write of whatever is farther; no wall is exactly there, or a beam or two in a log."""
 _STAMPS = 3
 _ODOM_FIELDS = 10
 _POSES = 6
@@ -62,7 +64,8 @@ class Fan:
 
     first_beam_rad, step_rad: of FLASER; None takes the usual one of their number. range_max_m: what
     is not below it is no return, in lines that announce no maximum. no_return_m: nor is what is not
-    below this, in any line. told_step_deg: as a PARAM line has it, for unusual numbers of beams.
+    below this, in any line. told_step_deg: as a PARAM line has it, for unusual numbers of beams, and
+    where it makes them a whole turn.
     """
 
     first_beam_rad: float | None
@@ -127,7 +130,7 @@ def _new_laser(fields: list[str], place: str, fan: Fan) -> LaserLine:
     count = int(fields[8]) if len(fields) >= _HEAD and fields[8].isdecimal() else -1
     rest = fields[_HEAD + count :] if count >= 0 else []
     poses = _poses_of(rest, is_robot=name.startswith("ROBOT"))
-    if count < 1 or poses is None:
+    if count < 0 or poses is None:
         announced = fields[8] if len(fields) >= _HEAD else "no number of"
         raise ValueError(
             f"{place}: {name} announces {announced} ranges, which its {len(fields)} fields do not"
@@ -167,11 +170,13 @@ def _mark(ranges_m: FloatArray, no_return_m: float) -> None:
     """Writes invalid and missing ranges as `LaserScan` wants them."""
     # no laser measures 0: drivers write it where there was nothing to measure
     ranges_m[ranges_m <= 0.0] = np.nan
-    ranges_m[ranges_m >= no_return_m] = np.inf
+    ranges_m[(ranges_m >= no_return_m) | np.isin(ranges_m, _CODES_M)] = np.inf
 
 
 def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
-    usual_deg = _FANS_DEG.get(count)
+    if count == 0:
+        return np.zeros(0)
+    usual_deg = None if _is_turn(count, fan) else _FANS_DEG.get(count)
     step_rad, first_rad = fan.step_rad, fan.first_beam_rad
     if step_rad is None:
         step_deg = _told_step_deg(count, place, fan) if usual_deg is None else usual_deg[1]
@@ -180,6 +185,15 @@ def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
         # looking ahead, as the usual ones do
         first_rad = -(count // 2) * step_rad if usual_deg is None else math.radians(usual_deg[0])
     return _fan(count, first_rad, step_rad, place)
+
+
+def _is_turn(count: int, fan: Fan) -> bool:
+    """Whether so many beams are a whole turn by the log's PARAM line, the first direction once more or not."""
+    try:
+        step_deg = float(fan.told_step_deg or math.nan)
+    except ValueError:
+        return False
+    return any(math.isclose(steps * step_deg, _FULL_TURN_DEG) for steps in (count, count - 1))
 
 
 def _told_step_deg(count: int, place: str, fan: Fan) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import zlib
 from collections.abc import Iterator
@@ -32,6 +33,8 @@ def text_lines(path: Path, kind: str) -> Iterator[tuple[int, str]]:
             file = gzip.GzipFile(fileobj=packed) if is_gzip else packed
             while line := file.readline(_LONGEST_LINE):
                 number += 1
+                if number == 1:
+                    line = line.removeprefix(codecs.BOM_UTF8)  # as editors of Windows write it
                 size += len(line)
                 if size > most:
                     most = size + _OFTEN_BYTES

@@ -1,5 +1,6 @@
 """CARMEN logs and their traps."""
 
+import codecs
 import gzip
 import math
 import os
@@ -34,6 +35,15 @@ def flaser(ranges: list[float], pose: SE2, time_s: float, mounting: SE2 | None =
     numbers = " ".join(map(str, ranges))
     poses = f"{sensor.x} {sensor.y} {sensor.theta} {pose.x} {pose.y} {pose.theta}"
     return f"FLASER {len(ranges)} {numbers} {poses} {time_s} nohost {time_s + 0.5}"
+
+
+def robotlaser(ranges: list[float], time_s: float) -> str:
+    """A ROBOTLASER1 line of a laser of one degree, at the origin."""
+    facts, listed = (
+        f"0 -1.570796 3.141593 0.017453 80 0.01 0 {len(ranges)}",
+        " ".join(map(str, ranges)),
+    )
+    return " ".join(f"ROBOTLASER1 {facts} {listed} 0 {'0 ' * 11} {time_s} nohost {time_s}".split())
 
 
 def written(tmp_path: Path, *lines: str) -> Path:
@@ -96,6 +106,70 @@ def test_unusual_number_of_beams_goes_by_the_parameter(tmp_path, count, step, fi
     np.testing.assert_allclose(angles_deg, first_deg + float(step) * np.arange(count), atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("count", "step"), [(360, "1"), (361, "1.0"), (720, "0.5"), (721, "0.5"), (180, "2")]
+)
+def test_usual_number_of_beams_that_the_parameter_makes_a_turn_is_one(tmp_path, count, step):
+    # 360 beams half a degree apart, as a SICK has them: a map 7 m off, and failed
+    told = f"PARAM laser_front_laser_resolution {step} nohost 0"
+    path = written(tmp_path, told, flaser([1.0] * count, SE2.identity(), 1.0))
+    angles_deg = np.degrees(next(read_carmen(path).measurements()).scan.angles_rad)
+    np.testing.assert_allclose(np.diff(angles_deg), float(step), atol=1e-9)
+    assert angles_deg[0] == pytest.approx(-180.0)
+
+
+@pytest.mark.parametrize("step", ["0.5", "0.25", "2", "half"])
+def test_usual_number_of_beams_is_believed_else(tmp_path, step):
+    told = f"PARAM laser_front_laser_resolution {step} nohost 0"
+    path = written(tmp_path, told, flaser([1.0] * 360, SE2.identity(), 1.0))
+    angles_deg = np.degrees(next(read_carmen(path).measurements()).scan.angles_rad)
+    np.testing.assert_allclose(angles_deg, -90.0 + 0.5 * np.arange(360), atol=1e-9)
+
+
+def test_scans_without_beams_see_nothing(tmp_path):
+    # whole logs were refused for them, by ROBOTLASER1 in words that were not true
+    whole, none = (flaser(ranges, SE2.identity(), 1.0) for ranges in (RANGES, []))
+    found = [m.scan for m in read_carmen(written(tmp_path, whole, none)).measurements()]
+    assert [len(scan.ranges_m) for scan in found] == [180, 0]
+    robot = robotlaser(RANGES, 1.0), robotlaser([], 2.0)
+    found = [m.scan for m in read_carmen(written(tmp_path, *robot)).measurements()]
+    assert [len(scan.ranges_m) for scan in found] == [180, 0]
+
+
+def test_a_byte_order_mark_hides_no_scan(tmp_path):
+    path = tmp_path / "a.clf"
+    line = flaser(RANGES, SE2.identity(), 1.0)
+    path.write_bytes(codecs.BOM_UTF8 + f"{line}\n{line}\n".encode())
+    assert read_carmen(path).scan_count == 2
+
+
+def test_lines_of_other_lasers_that_are_not_taken_are_told(tmp_path):
+    flaser_line, other = flaser(RANGES, SE2.identity(), 1.0), robotlaser(RANGES, 2.0)
+    path = written(tmp_path, flaser_line, other, flaser_line)
+    assert read_carmen(path).notes == ("FLASER is taken, and not 1 ROBOTLASER1",)
+    assert read_carmen(written(tmp_path, flaser_line)).notes == ()
+
+
+def test_a_stray_line_of_another_laser_is_not_the_log(tmp_path):
+    # one scan was mapped, 691 were not, and the map was good
+    stray, lines = (
+        flaser(RANGES, SE2.identity(), 1.0),
+        [robotlaser(RANGES, 2.0 + k) for k in range(12)],
+    )
+    log = read_carmen(written(tmp_path, stray, *lines))
+    assert log.scan_count == 12
+    assert log.notes == ("ROBOTLASER1 is taken, and not 1 FLASER",)
+
+
+def test_parameters_that_have_the_laser_elsewhere_than_its_poses_are_told(tmp_path):
+    told = "PARAM robot_frontlaser_offset 0.3 nohost 0"
+    log = read_carmen(written(tmp_path, told, flaser(RANGES, SE2.identity(), 1.0)))
+    assert log.T_base_laser == SE2.identity()
+    assert "0 m ahead, the PARAM lines 0.3 m: the poses are believed" in log.notes[0]
+    same = flaser(RANGES, SE2.identity(), 1.0, SE2(0.3, 0.0, 0.0))
+    assert read_carmen(written(tmp_path, told, same)).notes == ()
+
+
 @pytest.mark.parametrize("step", ["0", "-1.0", "nan", "60.1", "half"])
 def test_parameter_that_makes_no_fan_is_refused_where_it_is_needed(tmp_path, step):
     told = f"PARAM laser_front_laser_resolution {step} nohost 0"
@@ -107,10 +181,10 @@ def test_parameter_that_makes_no_fan_is_refused_where_it_is_needed(tmp_path, ste
 
 
 def test_no_return_values_are_infinite_and_what_is_not_above_zero_invalid(tmp_path):
-    ranges = [81.83, 81.91, 50.0, 49.99, 26.0, -1.0, 0.0] + [1.0] * 173
+    ranges = [81.83, 81.91, 50.0, 49.99, 50.01, 79.5, -1.0, 0.0] + [1.0] * 172
     path = written(tmp_path, flaser(ranges, SE2.identity(), 1.0))
-    found = next(read_carmen(path).measurements()).scan.ranges_m[:7]
-    np.testing.assert_equal(found, [np.inf, np.inf, np.inf, 49.99, 26.0, np.nan, np.nan])
+    found = next(read_carmen(path).measurements()).scan.ranges_m[:8]
+    np.testing.assert_equal(found, [*[np.inf] * 3, 49.99, 50.01, 79.5, np.nan, np.nan])
 
 
 def test_mounting_is_the_sensor_seen_from_the_odometry(tmp_path):
@@ -308,7 +382,7 @@ def test_whole_log_has_the_records_it_is_known_to_have(name, scans, odometry, be
     log = read_carmen(shared_log(f"{name}.clf.gz"))
     assert (log.scan_count, len(log.records) - log.scan_count) == (scans, odometry)
     assert len(next(log.measurements()).scan.ranges_m) == beams
-    assert max(m.scan.ranges_m[m.scan.is_hit].max() for m in log.measurements()) < 50.0
+    assert max(m.scan.ranges_m[m.scan.is_hit].max() for m in log.measurements()) < 80.0
 
 
 def test_a_log_cut_within_a_keyword_is_refused(tmp_path):
