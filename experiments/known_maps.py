@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -13,16 +15,19 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.files.map_files import read_map
 from slam.files.slam_map_files import read_slam_map
-from slam.known_map import USUAL_LASER, KnownMap
+from slam.known_map import USUAL_LASER, KnownMap, reach_m
 from slam.laser_model import LaserModel
 from slam.measurements import Measurement
 from slam.point_map import PointMap
 from slam.range_noise import RangeNoise
 from slam.ray_counts import still_standing
+from slam.readers.log import Log
 from slam.readers.recognition import is_log
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
 
+_ASKED_SCANS = 500
+"""Of a log, at most twice as many, how far they saw."""
 _PICTURES = (".pgm", ".png")
 """Of maps, as map_server and we write them."""
 _DESCRIPTIONS = (".yaml", ".yml")
@@ -33,8 +38,9 @@ _DESCRIPTIONS = (".yaml", ".yml")
 class LogConfig:
     """What is assumed of a recorded log and its laser; the same for every log.
 
-    method: open3d, fast or limit. range_max_m: what lies farther is left out, of map and scans.
-    range_sigma_m: noise of a range. Both as of `USUAL_LASER`.
+    method: open3d, fast or limit. range_max_m: what lies farther is left out, of map and scans, but
+    of a log that is localised on a map: see `seeing`. range_sigma_m: noise of a range. Both as of
+    `USUAL_LASER`.
     """
 
     method: str = DEFAULT_METHOD["localize"]
@@ -45,6 +51,14 @@ class LogConfig:
     def laser(self) -> LaserModel:
         """The laser assumed."""
         return LaserModel(RangeNoise(((0.0, self.range_sigma_m),)), 0.0, self.range_max_m)
+
+    def seeing(self, log: Log) -> Self:
+        """The same, as far as most of what the log saw: see `slam.known_map.reach_m`."""
+        every = max(1, log.scan_count // _ASKED_SCANS)
+        scans = (record.scan for record in log.records if record.scan is not None)
+        hits_m = [scan.ranges_m[scan.is_hit] for scan in islice(scans, 0, None, every)]
+        reach = reach_m(np.concatenate([np.zeros(0), *hits_m]))
+        return replace(self, range_max_m=max(self.range_max_m, reach))
 
 
 def map_of_scans(
@@ -92,9 +106,8 @@ def map_to_continue(path: Path) -> SlamMap:
     return read_slam_map(path)
 
 
-def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...]]:
-    """A ROS map, or one of ours, and what is to be said of it. Raises ValueError or OSError for a file
-    that is none, or shows no wall."""
+def check_is_map(path: Path) -> None:
+    """Raises ValueError for a folder, a log or a picture in place of a map."""
     check_is_no_folder(path)
     if is_log(path):
         raise ValueError(
@@ -103,6 +116,12 @@ def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...
         )
     if path.suffix in _PICTURES and path.exists():
         raise ValueError(f"{path} is the picture of a ROS map: give the .yaml that belongs to it")
+
+
+def map_of_file(path: Path, laser: LaserModel) -> tuple[KnownMap, tuple[str, ...]]:
+    """A ROS map, or one of ours, and what is to be said of it. Raises ValueError or OSError for a file
+    that is none, or shows no wall."""
+    check_is_map(path)
     if path.suffix == ".kitasap":
         slam_map = read_slam_map(path)
         reasons = slam_map.verdict.reasons

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.known_maps import LogConfig, map_of_file
+from experiments.known_maps import LogConfig, check_is_map, map_of_file
 from experiments.observer import NO_ONE, LogObserver
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
@@ -112,9 +112,10 @@ def run(
     open. Raises ValueError for files that
     are not what they should be, OSError for unreadable ones.
     """
-    config = config or LogConfig()
-    known, said = map_of_file(map_path, config.laser)
+    check_is_map(map_path)
     log = read_log(log_path, choice)
+    config = (config or LogConfig()).seeing(log)
+    known, said = map_of_file(map_path, config.laser)
     estimates, last = localized(known, log, start, config, on_scan, observer)
     return LocalizedLog(
         log.name, map_path.name, config, known, tuple(estimates), last, start, (*said, *log.notes)

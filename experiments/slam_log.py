@@ -16,6 +16,7 @@ from experiments.reference_files import read_reference, read_related
 from experiments.slam_passes import OnScan, best_mapped, mapped_once
 from experiments.slam_result import SlamLog
 from slam.arrays import FloatArray
+from slam.beams import POINTS_WITHIN_M
 from slam.readers.log import Log, LogChoice
 from slam.readers.recognition import read_log
 from slam.se2 import SE2
@@ -56,7 +57,7 @@ def run(
     if not result.slam_map.keyframes:
         raise ValueError(
             f"{log.told_as}: none of the {log.scan_count} scans tells where it was taken: too few of its"
-            " beams came back; expected ranges to walls, in metres"
+            f" beams came back from within {POINTS_WITHIN_M:g} m; expected ranges to walls, in metres"
         )
     result = replace(result, notes=(*log.notes, *result.notes))
     if map_path is not None:

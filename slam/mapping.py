@@ -62,8 +62,11 @@ class Mapper:
 
         The session is joined with the map once its scans show where; one that never is makes a map
         that is called failed. start: pose of its first scan on the map, if known, within half a metre.
-        Raises ValueError for a map with a session that was never joined, or no wall to search by.
+        Raises ValueError for a map with a session that was never joined, with nothing on it, or no wall
+        to search by.
         """
+        if not slam_map.keyframes:
+            raise ValueError("nothing is on the map: there is no place to continue it from")
         if slam_map.unjoined:
             raise ValueError(
                 f"session {slam_map.unjoined[0] + 1} of the map was never joined with those before"
@@ -81,7 +84,7 @@ class Mapper:
         return self._drive.config
 
     def update(self, measurement: Measurement) -> MapperStep:
-        """Places one scan, and closes the loops that it shows."""
+        """Places one scan, and closes the loops that it shows: the steps of Fig. 3."""
         drive = self._drive
         if drive.is_later and not drive.told:
             # a session begins with its first scan, whatever the wheels did before
@@ -90,17 +93,18 @@ class Mapper:
             )
         measurement = measurement.shortened(self.config.range_offset_m)
         is_blind = bool(drive.steps) and drive.steps[-1].status is StepStatus.CARRIED
-        judged_motion = drive.jumps.judged(measurement, is_blind)
+        judged_motion = drive.jumps.judged(measurement, is_blind)  # step 1: odometry, if believed
         measurement, other = judged_motion.measurement, judged_motion.other
         told_m2 = float(measurement.motion_covariance[0, 0])
         told = told_step(measurement, self.config.front_end.step_sigma)
         if self.config.is_odometry_doubted:
             measurement = replace(measurement, motion_covariance=_DOUBTED)
         T_before = drive.front_end.T_map_base
-        step = drive.front_end.update(measurement, other)  # match with what was seen last
+        # steps 2 to 7: related with what was seen last, matched until settled; and a verdict on it
+        step = drive.front_end.update(measurement, other)
         drive.monitor.take(measurement, T_before, step, told_m2, judged_motion.has_jumped)
         step = drive.take(step, told)
-        if step.is_keyframe:
+        if step.is_keyframe:  # step 8: the map, and the loops that it closes
             self._add_keyframe(drive.front_end.keyframes[-1], step.is_open)
         drive.session.look_for_join(drive.front_end.usual_interval_s)
         self.T_map_base = drive.pose_of(step)

@@ -144,7 +144,7 @@ def combined(
 @app.command()
 def buildings(
     odometry: Annotated[
-        str, typer.Option(help="Of the logs: usual, bad (8 to 15 cm off after a metre), or none.")
+        str, typer.Option(help="Of the logs: usual, bad (5 to 15 cm off after a metre), or none.")
     ] = "usual",
     repeats: Annotated[int, typer.Option(min=1, help="Of each of nine kinds, drawn anew.")] = 2,
     seed: Seed = 0,

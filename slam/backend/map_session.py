@@ -57,12 +57,11 @@ class MapSession:
         Raises ValueError for a map without a wall, if it is not.
         """
         session = cls(graph, config, known)
-        if known.keyframes:
-            session.is_joined, session._is_start_unknown = False, start is None
-            session.start = start or SE2.identity()
-            session._joiner = SessionJoiner(
-                graph.keyframes, known.poses, closer, start is not None, config.joining
-            )
+        session.is_joined, session._is_start_unknown = False, start is None
+        session.start = start or SE2.identity()
+        session._joiner = SessionJoiner(
+            graph.keyframes, known.poses, closer, start is not None, config.joining
+        )
         return session
 
     @property

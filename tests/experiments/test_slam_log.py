@@ -58,7 +58,7 @@ def test_log_of_which_no_scan_can_be_placed_is_named(tmp_path, capsys):
     assert main(["slam", str(tmp_path / "cm.clf"), "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.splitlines()[-1] == (
         f"kitasap: {tmp_path / 'cm.clf'}: none of the 5 scans tells where it was taken: too few of its beams"
-        " came back; expected ranges to walls, in metres"
+        " came back from within 80 m; expected ranges to walls, in metres"
     )
     assert not (tmp_path / "out" / "summary.json").exists()
 

@@ -50,6 +50,7 @@ def drive(
     turn_scale: float = 1.05,
     way_scale: float = 1.02,
     walls: np.ndarray = RING,
+    range_max_m: float = RANGE_MAX_M,
 ) -> list[Measurement]:
     """What scans and wheels tell on the way; the first motion is none."""
     found, before = [], poses[0]
@@ -59,7 +60,7 @@ def drive(
             motion.x * way_scale + rng.normal(0.0, 0.002), motion.y,
             motion.theta * turn_scale + rng.normal(0.0, 0.002),
         )  # fmt: skip
-        scan = scan_of(walls, pose @ T_BASE_LASER, rng, SIGMA_M, range_max_m=RANGE_MAX_M)
+        scan = scan_of(walls, pose @ T_BASE_LASER, rng, SIGMA_M, range_max_m=range_max_m)
         noise = np.diag([0.01**2, 0.005**2, 0.02**2])
         found.append(Measurement(0.2 * index, told if index else SE2.identity(), scan, noise))
         before = pose
