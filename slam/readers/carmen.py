@@ -243,8 +243,9 @@ class _Survey:
 
     def left_out(self, laser: str) -> tuple[str, ...]:
         """In words, lines of other lasers, which are not taken."""
-        others = [f"{self.counts[name]} {name}" for name in LASERS if self.counts[name]]
-        others.remove(f"{self.counts[laser]} {laser}")
+        others = [
+            f"{self.counts[name]} {name}" for name in LASERS if name != laser and self.counts[name]
+        ]
         return (f"{laser} is taken, and not {', '.join(others)}",) if others else ()
 
     def mounting_denied(self, laser: str, config: CarmenConfig) -> tuple[str, ...]:

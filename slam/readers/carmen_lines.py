@@ -49,8 +49,8 @@ STEP_PARAMETER = "laser_front_laser_resolution"
 _FULL_TURN_DEG = 360.0
 _LEAST_STEP_RAD = 1e-6
 """Chosen: a thousandth of what lasers have; beams closer than that may point the same way."""
-_CODES_M = (50.0,)
-"""What drivers write of whatever is farther; no wall is exactly there, or a beam or two in a log."""
+_CODE_M = 50.0
+"""What some drivers write of whatever is farther; of walls it takes a beam or two in a log."""
 _STAMPS = 3
 _ODOM_FIELDS = 10
 _POSES = 6
@@ -170,7 +170,7 @@ def _mark(ranges_m: FloatArray, no_return_m: float) -> None:
     """Writes invalid and missing ranges as `LaserScan` wants them."""
     # no laser measures 0: drivers write it where there was nothing to measure
     ranges_m[ranges_m <= 0.0] = np.nan
-    ranges_m[(ranges_m >= no_return_m) | np.isin(ranges_m, _CODES_M)] = np.inf
+    ranges_m[(ranges_m >= no_return_m) | (ranges_m == _CODE_M)] = np.inf
 
 
 def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
@@ -189,11 +189,16 @@ def _angles_of_count(count: int, place: str, fan: Fan) -> FloatArray:
 
 def _is_turn(count: int, fan: Fan) -> bool:
     """Whether so many beams are a whole turn by the log's PARAM line, the first direction once more or not."""
-    try:
-        step_deg = float(fan.told_step_deg or math.nan)
-    except ValueError:
-        return False
+    step_deg = _parameter_deg(fan)
     return any(math.isclose(steps * step_deg, _FULL_TURN_DEG) for steps in (count, count - 1))
+
+
+def _parameter_deg(fan: Fan) -> float:
+    """What the log's PARAM line tells; nan where it tells no number, or there is none."""
+    try:
+        return float(fan.told_step_deg or math.nan)
+    except ValueError:
+        return math.nan
 
 
 def _told_step_deg(count: int, place: str, fan: Fan) -> float:
@@ -204,10 +209,7 @@ def _told_step_deg(count: int, place: str, fan: Fan) -> float:
             f" as many ({', '.join(map(str, sorted(_FANS_DEG)))}); write above the scans how many"
             f" degrees they are apart, as in: PARAM {STEP_PARAMETER} 0.5 nohost 0"
         )
-    try:
-        step_deg = float(fan.told_step_deg)
-    except ValueError:
-        step_deg = math.nan
+    step_deg = _parameter_deg(fan)
     if not (step_deg > 0.0 and step_deg * (count - 1) <= _FULL_TURN_DEG):
         raise ValueError(
             f"{place}: {count} beams {fan.told_step_deg} degrees apart, as PARAM {STEP_PARAMETER}"
