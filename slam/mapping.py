@@ -13,7 +13,7 @@ from slam.backend.finishing import held_together
 from slam.backend.hindsight import look_back, right_strays_beside
 from slam.backend.objections import objections_of_drives, objections_to
 from slam.frontend.keyframes import Keyframe, StepStatus
-from slam.frontend.strays import told_step
+from slam.frontend.told_steps import told_step
 from slam.mapper_config import MapperConfig
 from slam.measurements import Measurement
 from slam.records import record

@@ -19,6 +19,7 @@ from slam.map_checks.map_drift import drift_m
 from slam.occupancy_grid import OccupancyGrid
 from slam.pose_graph import EdgeKernel, PoseGraph
 from slam.se2 import SE2
+from slam.step_factors import step_factors
 from slam.surface.surfaces import Surfaces, surfaces_of
 from slam.trajectory import Trajectory
 
@@ -154,22 +155,23 @@ def graph_of(
     graph = PoseGraph()
     for pose in poses:
         graph.add_node(SE2.from_array(pose))
-    for index, keyframe in enumerate(keyframes[1:], start=1):
-        add_step(graph, index, keyframe, step_sigma)
+    add_steps(graph, 1, keyframes[1:], step_sigma)
     for loop in loops:
         add_loop(graph, loop)
     return graph
 
 
-def add_step(
+def add_steps(
     graph: PoseGraph,
-    index: int,
-    keyframe: Keyframe,
+    first: int,
+    keyframes: Sequence[Keyframe],
     step_sigma: tuple[float, float, float] = STEP_SIGMA,
 ) -> None:
-    """Adds the way from the keyframe before."""
-    information = np.linalg.inv(keyframe.covariance + diagonal_of(step_sigma))
-    graph.add_edge(index - 1, index, keyframe.T_before, information)
+    """Adds the ways to keyframes, the first of which is that node, each from the one before: an edge of the wheels
+    and one of the scans, see `slam.step_factors`."""
+    for index, factors in enumerate(step_factors(keyframes, diagonal_of(step_sigma)), start=first):
+        for T_before, information in factors:
+            graph.add_edge(index - 1, index, T_before, information)
 
 
 def add_loop(graph: PoseGraph, loop: Loop) -> int:

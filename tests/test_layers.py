@@ -93,7 +93,14 @@ RANKS = (
         "constant_velocity",
         "surface_window",
     }
-    | {"match_verdict", "slam_map_checks", "wheel_scale", "keyframes"},
+    | {
+        "match_verdict",
+        "slam_map_checks",
+        "wheel_scale",
+        "keyframes",
+        "told_steps",
+        "step_factors",
+    },
     {
         "relocalization",
         "hypotheses",

@@ -10,7 +10,8 @@ from slam.backend.map_session import MapSession
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.frontend.odometry_jumps import OdometryJumps
-from slam.frontend.strays import ToldStep, may_have_strayed
+from slam.frontend.strays import may_have_strayed
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
@@ -56,6 +57,11 @@ class Drive:
     def own_steps(self) -> list[FrontEndStep]:
         """The scans of the drive itself."""
         return self.steps[self.session.first_step :]
+
+    @property
+    def told_to_keyframes(self) -> list[ToldStep]:
+        """By the wheels to each keyframe of the drive from the one before."""
+        return [one.told for one in self.graph.keyframes[self.session.first :]]
 
     @property
     def is_later(self) -> bool:
@@ -107,7 +113,7 @@ class Drive:
         graph, front_end, first = self.graph, self.front_end, self.session.first
         if index < first or not self.is_crowded(index):
             return
-        told, strays = front_end.told_steps, self.config.strays
+        told, strays = self.told_to_keyframes, self.config.strays
         if may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
             return
         graph.keyframes[index] = graph.keyframes[index].place_alone()

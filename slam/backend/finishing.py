@@ -94,7 +94,7 @@ def _adjusted(drive: Drive, closer: LoopCloser, every: int) -> tuple[list[Loop],
     graph.take([one for one in found if (one.earlier, one.later) not in known])
     if drive.config.is_odometry_doubted:
         return graph.sorted_loops()
-    return drive.breaks.sorted_loops(graph, drive.front_end.told_steps)
+    return drive.breaks.sorted_loops(graph, drive.told_to_keyframes)
 
 
 def _placed(drive: Drive, keyframes: list[Keyframe], poses: FloatArray) -> Sequence[FrontEndStep]:
@@ -103,7 +103,7 @@ def _placed(drive: Drive, keyframes: list[Keyframe], poses: FloatArray) -> Seque
     front_end, session, config = drive.front_end, drive.session, drive.config
     first_step, is_doubted = session.first_step, config.is_odometry_doubted
     placed = smoothed(drive.steps, front_end.loose_runs.ended, first_step, keyframes, poses)
-    told = front_end.told_steps
+    told = [one.told for one in keyframes[session.first :]]
     noise = None if is_doubted else shown_noise(keyframes, poses, told, least=0.0)
     steps = with_scans_put_back(
         placed, first_step, drive.told, front_end.wheel_scale, poses, is_doubted, noise

@@ -24,12 +24,12 @@ def look_back(drive: Drive) -> None:
     if is_doubted:
         believe_where_borne_out(drive.graph, drive.front_end, drive.own_steps, drive.told)
     else:
-        drive.weak_steps.loosen(drive.graph, drive.front_end, drive.steps, drive.closer)
+        drive.weak_steps.loosen(drive.graph, drive.told_to_keyframes, drive.steps, drive.closer)
     right_strays(drive)
     if not drive.session.is_joined:
         drive.breaks.leave_apart(drive.session.first)
     if not is_doubted:
-        drive.breaks.believe(drive.graph, drive.front_end.told_steps)
+        drive.breaks.believe(drive.graph, drive.told_to_keyframes)
 
 
 def right_strays_beside(drive: Drive, slam_map: SlamMap) -> bool:
@@ -45,7 +45,7 @@ def right_strays_beside(drive: Drive, slam_map: SlamMap) -> bool:
 def right_strays(drive: Drive) -> bool:
     """Looks back at keyframes of the drive that lie aside of the way; whether any was put back."""
     front_end, first, config = drive.front_end, drive.session.first, drive.config
-    by_wheels = told = front_end.told_steps
+    by_wheels = told = drive.told_to_keyframes
     if config.is_odometry_doubted:
         by_wheels = told_to_keyframes(drive.own_steps, drive.told)
     strays = put_strays_back(drive.graph, told, by_wheels, config.strays, config.front_end.surfaces)

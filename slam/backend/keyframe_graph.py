@@ -14,7 +14,7 @@ from slam.kernels.near_keyframes import alike
 from slam.loop_closing import Loop, without_ties
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
 from slam.se2 import SE2
-from slam.slam_map import add_loop, add_step, graph_of
+from slam.slam_map import add_loop, add_steps, graph_of
 
 _TORN_M = 100.0
 """Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
@@ -62,12 +62,12 @@ class KeyframeGraph:
     def renew(self, keyframes: list[Keyframe], loops: list[Loop], poses: FloatArray) -> None:
         """All of it anew: keyframes at poses (K, 3), and loops."""
         self._graph = graph_of(keyframes, loops, poses, self._step_sigma)
-        steps = max(len(keyframes) - 1, 0)
         self.keyframes, self.loops = keyframes, loops
         self._tie_count = len(loops) - len(without_ties(loops))
         self._held_ends = _ends_of(loops)
         self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
-        self._loop_edges = list(range(steps, steps + len(loops)))
+        edges = self._graph.edge_count
+        self._loop_edges = list(range(edges - len(loops), edges))
 
     def add(self, keyframe: Keyframe, is_open: bool = False) -> None:
         """One keyframe more, where its step leads from the last one; is_open: it leaves open how far
@@ -81,7 +81,7 @@ class KeyframeGraph:
             self._graph.add_node(keyframe.T_map_base)
         else:
             self._graph.add_node(self.pose(index - 1) @ keyframe.T_before)
-            add_step(self._graph, index, keyframe, self._step_sigma)
+            add_steps(self._graph, index, [keyframe], self._step_sigma)
 
     def ways_m(self, index: int) -> FloatArray:
         """(K,) the shortest way from one keyframe to each [m], over steps and the loops that held when

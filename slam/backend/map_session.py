@@ -12,15 +12,13 @@ from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.session_joining import SessionJoiner, set_aside
 from slam.frontend.keyframes import FrontEndStep, Keyframe
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import LoopCloser, without_ties
 from slam.map_checks.map_consistency import do_contradict
 from slam.map_checks.map_drift import between_m
 from slam.mapper_config import MapperConfig
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
-
-_ANYWHERE = np.diag(np.square([1000.0, 1000.0, 10.0]))
-"""Of the way between two sessions [m, rad]: nobody knows it. chosen: wider than any building."""
 
 
 class MapSession:
@@ -76,7 +74,10 @@ class MapSession:
         if index != self.first or index == 0:
             return keyframe
         way = self._graph.pose(index - 1).inverse() @ self.start @ keyframe.T_map_base
-        return replace(keyframe, T_before=way, covariance=_ANYWHERE, is_break=True)
+        unknown = ToldStep.unknown()
+        return replace(
+            keyframe, T_before=way, covariance=unknown.covariance, is_break=True, told=unknown
+        )
 
     def look_for_join(self, time_s: float) -> None:
         """Joins the session with the map, if its keyframes show where it lies, by as much work as there

@@ -30,7 +30,7 @@ def _of_the_way(slam_map: SlamMap, drive: Drive) -> list[str]:
     said = drive.monitor.objections(slam_map.steps, partial(session.between_m, slam_map))
     said += drive.jumps.objections(drive.own_steps, drive.config.is_odometry_doubted)
     said = said or unknown_ways(slam_map, front_end, drive.monitor.noise_ratio)
-    return said or shown_jumps(slam_map.keyframes, slam_map.poses, front_end.told_steps)
+    return said or shown_jumps(slam_map.keyframes, slam_map.poses, drive.told_to_keyframes)
 
 
 def _of_the_map(slam_map: SlamMap, drive: Drive) -> list[str]:
@@ -45,7 +45,7 @@ def _of_the_map(slam_map: SlamMap, drive: Drive) -> list[str]:
     said = said or hanging_pieces(slam_map, config.front_end.break_sigma)
     if config.is_odometry_doubted:
         return said
-    return said or breaks_in_doubt(slam_map, front_end.told_steps, config)
+    return said or breaks_in_doubt(slam_map, drive.told_to_keyframes, config)
 
 
 def objections_of_drives(slam_map: SlamMap, config: MapperConfig) -> list[str]:

@@ -14,13 +14,14 @@ from slam.se2 import SE2
 def rescaled(
     keyframes: Sequence[Keyframe], steps: Sequence[ScaledStep], scale: float
 ) -> list[Keyframe]:
-    """Keyframes whose steps from one to the next are as by another scale; steps: of each, how the
+    """Keyframes whose steps from one to the next are as by another scale of the wheels; steps: of each, how the
     way to it depends on the scale. Those before the steps' first stay, as that itself does."""
     first = len(keyframes) - len(steps)
     moved = list(keyframes)
     for k, step in enumerate(steps[1:], start=first + 1):
         T_before = moved[k].T_before @ SE2.exp((scale - step.scale) * step.slope)
-        moved[k] = replace(moved[k], T_before=T_before)
+        told = moved[k].told.longer(scale / step.scale)
+        moved[k] = replace(moved[k], T_before=T_before, told=told)
     return moved
 
 

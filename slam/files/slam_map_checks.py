@@ -11,8 +11,10 @@ _FARTHEST_M = 1e8
 _MOST_RAD = 1e3
 """Beyond what any laser turns in a scan, and where a float32 still tells beams apart."""
 _SHAPES: dict[str, tuple[str | int, ...]] = {
-    **dict.fromkeys(("poses", "keyframe_poses", "keyframe_ways"), ("keyframes", 3)),
-    "keyframe_covariances": ("keyframes", 3, 3),
+    **dict.fromkeys(("poses", "keyframe_poses", "keyframe_ways", "keyframe_told_ways"), ("keyframes", 3)),
+    **dict.fromkeys(
+        ("keyframe_covariances", "keyframe_told_covariances"), ("keyframes", 3, 3)
+    ),
     **dict.fromkeys(
         ("keyframe_times_s", "keyframe_is_break", "keyframe_sessions", "point_counts",
          "beam_counts", "glance_counts"),
@@ -78,7 +80,7 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
             raise ValueError(f"{name} reach beyond {most:g} {unit}")
     if name.endswith("ranges_m") and (array < 0.0).any():
         raise ValueError(f"{name} are below 0")
-    is_squared = name in ("keyframe_covariances", "loop_information")
+    is_squared = name.endswith("covariances") or name == "loop_information"
     if is_squared and (np.diagonal(array, axis1=1, axis2=2) < 0.0).any():
         raise ValueError(f"{name} are below 0")
 

@@ -17,15 +17,17 @@ from slam.beams import Beams
 from slam.files.slam_map_checks import MAY_BE_INFINITE, check_arrays
 from slam.files.whole_files import read_at_most, write_whole
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.map_consistency import MapVerdict
 from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
 from slam.surface.views import Glance
 
-VERSION = 5
+VERSION = 6
 """Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances;
-before 4, no loop was a tie; before 5, no scan left open how far along it was taken."""
+before 4, no loop was a tie; before 5, no scan left open how far along it was taken; before 6,
+nobody kept what the wheels alone had told."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""
@@ -108,6 +110,9 @@ def read_slam_map(path: str | Path) -> SlamMap:
         arrays["loop_is_tie"] = np.zeros(len(arrays["loop_ends"]), np.bool_)
     if version < 5:
         arrays["step_is_open"] = np.zeros(len(arrays["step_times_s"]), np.bool_)
+    if version < 6:
+        told = [ToldStep.unknown()] * len(arrays["keyframe_times_s"])
+        arrays |= _arrays_of_told(told)
     try:
         check_arrays(arrays, len(_STATUSES))
         for name in MAY_BE_INFINITE:  # one nan is as good as another, but some raise when converted
@@ -129,6 +134,7 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "keyframe_poses": _poses([one.T_map_base for one in keyframes]),
         "keyframe_ways": _poses([one.T_before for one in keyframes]),
         "keyframe_covariances": _stacked([one.covariance for one in keyframes], (0, 3, 3)),
+        **_arrays_of_told([one.told for one in keyframes]),
         "keyframe_is_break": np.array([one.is_break for one in keyframes], dtype=np.bool_),
         "keyframe_sessions": np.array([one.session for one in keyframes], dtype=np.int64),
         "point_counts": np.array([len(one.points) for one in keyframes], dtype=np.int64),
@@ -165,6 +171,13 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
     }
 
 
+def _arrays_of_told(told: list[ToldStep]) -> _Arrays:
+    return {
+        "keyframe_told_ways": _poses([one.motion for one in told]),
+        "keyframe_told_covariances": _stacked([one.covariance for one in told], (0, 3, 3)),
+    }
+
+
 def _map_of(arrays: _Arrays) -> SlamMap:
     points = _split(arrays["points"], arrays["point_counts"])
     beams = [
@@ -180,12 +193,13 @@ def _map_of(arrays: _Arrays) -> SlamMap:
     keyframes = tuple(
         Keyframe(
             float(time_s), SE2.from_array(pose), SE2.from_array(way), covariance, cloud, fan,
-            bool(is_break), int(session), glances,
+            bool(is_break), int(session), glances, ToldStep(SE2.from_array(told), told_covariance),
         )
-        for time_s, pose, way, covariance, cloud, fan, is_break, session, glances in zip(
+        for time_s, pose, way, covariance, cloud, fan, is_break, session, glances, told, told_covariance in zip(
             arrays["keyframe_times_s"], arrays["keyframe_poses"], arrays["keyframe_ways"],
             arrays["keyframe_covariances"], points, beams, arrays["keyframe_is_break"],
-            arrays["keyframe_sessions"], _glances_of(arrays), strict=True,
+            arrays["keyframe_sessions"], _glances_of(arrays),
+            arrays["keyframe_told_ways"], arrays["keyframe_told_covariances"], strict=True,
         )
     )  # fmt: skip
     loops = tuple(

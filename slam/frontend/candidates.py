@@ -10,12 +10,12 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.frontend.contradictions import passed
-from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.open_matches import LITTLE, closed_match
 from slam.frontend.prediction import Prediction
 from slam.frontend.seen_before import LastSeen
 from slam.frontend.strays import apart_m
+from slam.frontend.told_steps import GUESS_M
 from slam.kernels.normal_equations import inverse_of
 from slam.kernels.visibility import contradictions
 from slam.se2 import SE2

@@ -19,7 +19,8 @@ from slam.frontend.people_along import PeopleAlong
 from slam.frontend.placing import Placing
 from slam.frontend.prediction import Prediction, is_told
 from slam.frontend.seen_before import LastSeen
-from slam.frontend.strays import ToldStep, apart_m, told_step
+from slam.frontend.strays import apart_m
+from slam.frontend.told_steps import ToldStep, told_step
 from slam.frontend.wheel_scale import ScaledStep, WheelScale
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
@@ -41,7 +42,6 @@ class FrontEnd:
         self.glances: list[Glances] = []
         self.wheel_scale = WheelScale(self.config.wheel_scale)
         self.scaled_steps: list[ScaledStep] = []
-        self.told_steps: list[ToldStep] = []
         self.loose_runs, self._scans = LooseRuns(), 0
         self.T_map_base = SE2.identity()
         self.ties: list[Loop] = []
@@ -263,6 +263,7 @@ class FrontEnd:
         """Makes the scan a keyframe: its points join the surfaces, the oldest ones leave them."""
         T_map_base = self.T_map_base
         before = self.keyframes[-1].T_map_base if self.keyframes else T_map_base
+        told = self._told if self.keyframes else ToldStep.unknown()
         self.keyframes.append(
             Keyframe(
                 time_s,
@@ -272,11 +273,11 @@ class FrontEnd:
                 np.ascontiguousarray(points[:, :2]),
                 beams,
                 is_break,
+                told=told,
             )
         )
         self.glances.append(Glances())
         self.scaled_steps.append(self.wheel_scale.begin_step())
-        self.told_steps.append(self._told)
         self._P, self._told = np.zeros((3, 3)), ToldStep.none()
         if is_break:
             self._window.forget()

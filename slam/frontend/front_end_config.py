@@ -10,10 +10,6 @@ from slam.frontend.pauses import PauseConfig
 from slam.frontend.wheel_scale import WheelScaleConfig
 from slam.surface.surface_map import SurfaceMapConfig
 
-GUESS_M = 0.3
-"""Standard deviation of a motion beyond which nothing measured it: it leads to whatever looks like where
-it ends. Chosen."""
-
 
 @dataclass(frozen=True)
 class DenialConfig:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.frontend.told_steps import ToldStep
 from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import faced
@@ -33,7 +34,8 @@ class Keyframe:
     """A scan that the map is made of.
 
     T_map_base: where the front end placed it. T_before: its pose as seen from the keyframe before
-    (identity for the first), covariance: (3, 3) of that. points: (N, 2) [m], base frame; beams: the
+    (identity for the first), covariance: (3, 3) of that, by wheels and scans together; told: by the
+    wheels alone. points: (N, 2) [m], base frame; beams: the
     scan itself. is_break: the scans broke off before it. session: in which it was taken, from 0;
     T_map_base is in the frame of that session, which its first scan is the origin of. glances: some
     of the scans between it and the next.
@@ -48,6 +50,7 @@ class Keyframe:
     is_break: bool
     session: int = 0
     glances: tuple[Glance, ...] = ()
+    told: ToldStep = field(default_factory=ToldStep.unknown)
 
     @cached_property
     def faced(self) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
 from slam.se2 import SE2

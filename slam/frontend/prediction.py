@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from slam.arrays import FloatArray
 from slam.frontend.constant_velocity import ConstantVelocity
-from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.strays import apart_m
+from slam.frontend.told_steps import GUESS_M
 from slam.kernels.normal_equations import inverse_of, squared_innovation
 from slam.lazy import lazy
 from slam.measurements import Measurement

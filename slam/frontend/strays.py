@@ -7,26 +7,19 @@ better than where it was taken. The next scan shows it, but the front end does n
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 
-from slam.arrays import FloatArray, diagonal_of
-from slam.frontend.front_end_config import GUESS_M
+from slam.arrays import FloatArray
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.told_steps import ToldStep
 from slam.frontend.witnesses import Witnesses
 from slam.loop_closing import Loop
-from slam.measurements import Measurement
-from slam.odometry import compose_covariance
-from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import SurfaceMap, SurfaceMapConfig, moved
 from slam.surface.surface_match import SurfaceMatch
-
-_LITTLE = 1e-6
-"""[m2], [rad2]: wheels that tell of no way at all may be off by a millimetre."""
 
 
 @dataclass(frozen=True)
@@ -56,47 +49,6 @@ class StrayConfig:
     margins: tuple[float, float] = (0.25, 0.03)
     aside_m: float = 0.1
     standing: float = 0.75
-
-
-@record
-class ToldStep:
-    """How far the wheels went since the last keyframe, or scan, and the covariance (3, 3) of that."""
-
-    motion: SE2
-    covariance: FloatArray
-
-    @staticmethod
-    def none() -> ToldStep:
-        """At a keyframe."""
-        return ToldStep(SE2.identity(), np.zeros((3, 3)))
-
-    def then(self, motion: SE2, covariance: FloatArray) -> ToldStep:
-        """And a motion more, of a covariance (3, 3)."""
-        carried = compose_covariance(self.covariance, motion, covariance)
-        return ToldStep(self.motion @ motion, carried)
-
-    @staticmethod
-    def of(steps: Iterable[ToldStep]) -> ToldStep:
-        """One step of all of them, one after the other."""
-        return reduce(
-            lambda way, step: way.then(step.motion, step.covariance), steps, ToldStep.none()
-        )
-
-    @property
-    def is_guess(self) -> bool:
-        """Whether nobody measured it."""
-        return bool(self.covariance[0, 0] > GUESS_M**2)
-
-    def squared(self, T_before: SE2, T_after: SE2) -> float:
-        """Normalised error squared of a step that led from one pose to another."""
-        off = ((T_before @ self.motion).inverse() @ T_after).log()
-        return float(off @ np.linalg.inv(self.covariance + _LITTLE * np.eye(3)) @ off)
-
-
-def told_step(measurement: Measurement, step_sigma: tuple[float, float, float]) -> ToldStep:
-    """The motion since the last scan, as unsure as it says and by step_sigma (m, m, rad) beside."""
-    spread = measurement.motion_covariance + diagonal_of(step_sigma)
-    return ToldStep(measurement.motion, spread)
 
 
 def without_strays(

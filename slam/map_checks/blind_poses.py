@@ -13,7 +13,7 @@ from itertools import pairwise
 from slam.arrays import FloatArray
 from slam.frontend.constant_velocity import coasting_covariance
 from slam.frontend.keyframes import FrontEndStep, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import MEDIAN_NIS
 from slam.kernels.normal_equations import inverse_of
 from slam.odometry import place_sigma_m

@@ -12,7 +12,7 @@ from dataclasses import replace
 from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.frontend.keyframes import as_sure_as_before
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.lone_loops import LEAST_NOISE, lone_loops
 from slam.map_checks.ways_over_breaks import seen_ways, sure_ways

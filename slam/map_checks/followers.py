@@ -12,7 +12,8 @@ from itertools import pairwise
 
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import FrontEndStep
-from slam.frontend.strays import ToldStep, apart_m
+from slam.frontend.strays import apart_m
+from slam.frontend.told_steps import ToldStep
 from slam.se2 import SE2
 
 

@@ -19,11 +19,11 @@ from slam.beams import POINTS_WITHIN_M
 from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.frontend.strays import (
     StrayConfig,
-    ToldStep,
     apart_m,
     standing_on_way,
     surfaces_beside,
 )
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.followers import share_of_way
 from slam.map_checks.scan_jumps import APART_M, jumps_between
 from slam.se2 import SE2

@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.ways_over_breaks import seen_ways, sure_ways
 from slam.mapper_config import MapperConfig

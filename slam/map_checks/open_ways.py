@@ -60,7 +60,7 @@ def unknown_ways(slam_map: SlamMap, front_end: FrontEnd, noise_ratio: float | No
     off_m = math.hypot(by_scale_m, by_noise_m)
     if off_m < most_m:
         return []
-    if all(step.is_guess for step in front_end.told_steps[1:]):
+    if all(one.told.is_guess for one in slam_map.keyframes[first + 1 :]):
         told_by = "no wheels tell how far the robot went between them"
     else:
         known = f"whose scale is known to {100.0 * scale.sigma:.1f} %"
@@ -87,23 +87,19 @@ def _told(slam_map: SlamMap, front_end: FrontEnd) -> list[Keyframe]:
     """The keyframes, as sure as can be of each step of the last session but those of which the scan
     does not tell how far it went, or hardly. One that wheels contradicted, and which is less sure for
     that than the front end was, tells all the same."""
-    by_wheels = front_end.told_steps
     session = slam_map.session_count - 1
     is_open = {
         step.keyframe
         for step in slam_map.steps
         if step.session == session and step.is_keyframe and step.is_open
     }
-    first = len(slam_map.keyframes) - len(by_wheels)
+    first = len(slam_map.keyframes) - len(front_end.keyframes)
     is_open |= {
         k
-        for k, step in enumerate(by_wheels[1:], start=first + 1)
-        if not slam_map.keyframes[k].is_break  # what is known over these, loops say
-        and min(
-            place_sigma_m(one.covariance)
-            for one in (slam_map.keyframes[k], front_end.keyframes[k - first])
-        )
-        > math.sqrt(_LITTLE_TOLD) * place_sigma_m(step.covariance)
+        for k, keyframe in enumerate(slam_map.keyframes[first + 1 :], start=first + 1)
+        if not keyframe.is_break  # what is known over these, loops say
+        and min(place_sigma_m(one.covariance) for one in (keyframe, front_end.keyframes[k - first]))
+        > math.sqrt(_LITTLE_TOLD) * place_sigma_m(keyframe.told.covariance)
     }
     # what the scan itself tells of the way to these, their ties say
     is_open |= {loop.later for loop in (*slam_map.loops, *slam_map.rejected) if loop.is_tie}

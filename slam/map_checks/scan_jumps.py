@@ -15,7 +15,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.frontend.keyframes import FrontEndStep, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.se2 import SE2
 
 _MOVES_MPS = 0.05

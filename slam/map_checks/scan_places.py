@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import WheelScale
 from slam.map_checks.blind_poses import unknown_blind_poses
 from slam.map_checks.scan_jumps import scan_jumps

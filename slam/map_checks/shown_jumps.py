@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import ToldStep, apart_m
+from slam.frontend.strays import apart_m
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.wheels_borne_out import showing, shown_noise
 from slam.se2 import SE2
 

@@ -17,7 +17,7 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import FrontEndStep
 from slam.frontend.open_runs import EXACTLY, tied
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import WheelScale
 from slam.kernels.normal_equations import inverse_of
 from slam.se2 import SE2, wrap_angle

@@ -18,7 +18,8 @@ from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.open_runs import EXACTLY, tied
-from slam.frontend.strays import StrayConfig, ToldStep, apart_m, without_strays
+from slam.frontend.strays import StrayConfig, apart_m, without_strays
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.wheels_borne_out import shown_noise
 from slam.se2 import SE2

@@ -12,7 +12,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.wheels_borne_out import shown_noise
 from slam.pose_graph import PoseGraphSolution
 from slam.se2 import SE2

@@ -11,9 +11,8 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
-from slam.frontend.front_end import FrontEnd
 from slam.frontend.keyframes import FrontEndStep, Keyframe, as_sure_as_before
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_checks.wheels_borne_out import shown_noise
@@ -46,14 +45,14 @@ class WeakSteps:
     def loosen(
         self,
         graph: KeyframeGraph,
-        front_end: FrontEnd,
+        told: Sequence[ToldStep],
         steps: Sequence[FrontEndStep],
         closer: LoopCloser,
     ) -> None:
         """Has loops say where the steps of a graph's last session led to scans that fit badly, or stayed behind,
-        and where the wheels did not lead. steps: of all scans; closer: of the loops, that looks no more at what was
+        and where the wheels did not lead. told: by these to each of its keyframes; steps: of all scans; closer: of the loops, that looks no more at what was
         seen on both sides of such a step, and whose loops with that are let go."""
-        told, before = front_end.told_steps, as_sure_as_before(graph.keyframes, self._said)
+        before = as_sure_as_before(graph.keyframes, self._said)
         noise = shown_noise(before, graph.poses, told, least=_LEAST_NOISE)
         if noise is None:
             return

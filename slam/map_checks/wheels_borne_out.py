@@ -14,10 +14,9 @@ import numpy as np
 from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.frontend.front_end import FrontEnd
-from slam.frontend.front_end_config import GUESS_M
 from slam.frontend.keyframes import FrontEndStep, Keyframe
 from slam.frontend.open_runs import EXACTLY, tied
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import GUESS_M, ToldStep
 from slam.frontend.wheel_scale import MEDIAN_NIS
 from slam.odometry import place_sigma_m
 from slam.pose_graph.solution import PoseGraphSolution
@@ -61,9 +60,10 @@ def believe_where_borne_out(
     first = len(keyframes) - len(to_keyframes)
     for k, step in borne_out(keyframes, graph.solve(), to_keyframes).items():
         own = k - first
-        front_end.told_steps[own] = step
         front_end.scaled_steps[own] = replace(front_end.scaled_steps[own], slope=np.zeros(3))
-        keyframes[k] = replace(keyframes[k], T_before=step.motion, covariance=step.covariance)
+        keyframes[k] = replace(
+            keyframes[k], T_before=step.motion, covariance=step.covariance, told=step
+        )
     graph.renew(keyframes, graph.loops, graph.poses)
 
 

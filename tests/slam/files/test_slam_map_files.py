@@ -93,6 +93,25 @@ def test_ties_are_kept_and_maps_of_version_3_have_none(slam_map, tmp_path):
     assert not any(one.is_tie for one in read_slam_map(old).loops)
 
 
+def test_what_wheels_told_is_kept_and_maps_of_version_5_do_not_know_it(slam_map, tmp_path):
+    path, old = tmp_path / "map.kitasap", tmp_path / "old.kitasap"
+    write_slam_map(path, slam_map)
+    again = read_slam_map(path)
+    assert [one.told.motion for one in again.keyframes] == [
+        one.told.motion for one in slam_map.keyframes
+    ]
+    assert np.array_equal(again.graph.information, slam_map.graph.information)
+    with np.load(path) as file:
+        arrays = {name: array for name, array in file.items() if "told" not in name}
+    with old.open("wb") as out:
+        np.savez(out, **arrays | {"version": np.array(5)})
+    again = read_slam_map(old)
+    assert all(one.told.is_guess for one in again.keyframes)
+    # of each step one edge then, of wheels and scans together: they lead to the same place
+    assert again.graph.edge_count < slam_map.graph.edge_count
+    np.testing.assert_allclose(again.graph.solve().poses, slam_map.graph.solve().poses, atol=1e-6)
+
+
 def test_empty_map_is_kept_too(tmp_path):
     write_slam_map(tmp_path / "map.kitasap", Mapper(ring.T_BASE_LASER).finish())
     assert read_slam_map(tmp_path / "map.kitasap").poses.shape == (0, 3)
@@ -180,10 +199,10 @@ def test_file_whose_arrays_make_no_map_is_refused_by_name(slam_map, tmp_path, na
 
 
 def test_later_version_is_refused(slam_map, tmp_path, monkeypatch):
-    monkeypatch.setattr("slam.files.slam_map_files.VERSION", 5)
+    monkeypatch.setattr("slam.files.slam_map_files.VERSION", 6)
     write_slam_map(tmp_path / "map.kitasap", slam_map)
-    monkeypatch.setattr("slam.files.slam_map_files.VERSION", 4)
-    with pytest.raises(ValueError, match="its version is 5, and this library reads 1 to 4"):
+    monkeypatch.setattr("slam.files.slam_map_files.VERSION", 5)
+    with pytest.raises(ValueError, match="its version is 6, and this library reads 1 to 5"):
         read_slam_map(tmp_path / "map.kitasap")
 
 

@@ -9,7 +9,7 @@ from slam import SE2, Beams, Mapper, Measurement, SlamMap
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.open_runs import OpenRun, tied
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import without_ties
 from slam.odometry import compose_covariance
 from slam.pose_graph import PoseGraph

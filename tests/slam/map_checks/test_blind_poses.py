@@ -7,7 +7,7 @@ import pytest
 
 from slam import SE2
 from slam.frontend.keyframes import FrontEndStep, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.blind_poses import _known, unknown_blind_poses
 
 BLIND, STEP = 16, SE2(0.3, 0.0, 0.0)

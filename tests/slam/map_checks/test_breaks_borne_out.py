@@ -11,7 +11,7 @@ from slam.backend.keyframe_graph import KeyframeGraph
 from slam.beams import Beams
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.mapper_config import MapperConfig

@@ -9,7 +9,7 @@ import pytest
 
 from slam.backend.hindsight import right_strays
 from slam.frontend.keyframes import FrontEndStep, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.followers import with_followers_left
 from slam.mapping import Mapper
 from slam.se2 import SE2

@@ -9,7 +9,7 @@ import pytest
 
 from slam.beams import Beams
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.jumped_scans import with_jumped_put_back
 from slam.map_checks.scan_jumps import jumps_between
 from slam.mapping import Mapper

@@ -7,7 +7,7 @@ import pytest
 
 from slam import SE2
 from slam.frontend.keyframes import FrontEndStep, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.scan_jumps import scan_jumps
 
 COUNT, FIRST, STEP_M, STEP_S = 60, 3, 0.1, 0.3

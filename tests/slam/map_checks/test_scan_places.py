@@ -8,7 +8,7 @@ import pytest
 
 from slam.beams import Beams
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.map_consistency import MapVerdict
 from slam.map_checks.scan_places import unknown_places
 from slam.mapper_config import MapperConfig

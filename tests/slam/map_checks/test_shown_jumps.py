@@ -8,7 +8,7 @@ import pytest
 
 from slam import SE2
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.map_checks.shown_jumps import shown_jumps
 from tests.slam.map_checks.test_wheels_borne_out import BY_WHEELS, STEP, drive, told
 

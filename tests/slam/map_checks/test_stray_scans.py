@@ -7,7 +7,7 @@ import pytest
 
 from slam import SE2
 from slam.frontend.keyframes import FrontEndStep, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import WheelScale
 from slam.map_checks.stray_scans import with_scans_put_back
 from slam.mapper_config import MapperConfig

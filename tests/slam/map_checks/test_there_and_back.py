@@ -9,7 +9,8 @@ import pytest
 
 from slam.beams import Beams
 from slam.frontend.keyframes import Keyframe
-from slam.frontend.strays import StrayConfig, ToldStep
+from slam.frontend.strays import StrayConfig
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.there_and_back import put_on_the_way, put_strays_back
 from slam.se2 import SE2

@@ -1,7 +1,6 @@
 """Where a scan that fits badly and the wheels tell different ways, neither is sure."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,7 @@ from slam import SE2
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.beams import Beams
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop, LoopCloser, LoopConfig
 from slam.map_checks.weak_steps import WeakSteps, loosened, stayed_behind
 from slam.mapping import Mapper
@@ -147,9 +146,9 @@ def test_bad_fits_that_wheels_bear_out_are_as_sure_as_they_are():
 
 def weak_steps_of(
     count: int = 16, off_m: float = 0.5, step: SE2 = STEP
-) -> tuple[KeyframeGraph, SimpleNamespace]:
-    """A graph of keyframes, one of them so much short of wheels that agree with all others, and what is
-    asked of a front end."""
+) -> tuple[KeyframeGraph, list[ToldStep]]:
+    """A graph of keyframes, one of them so much short of wheels that agree with all others, and what
+    these say of each step."""
     keyframes = [keyframe_of(step) for _ in range(count)]
     keyframes[AT] = keyframe_of(SE2(step.x - off_m, step.y, step.theta))
     poses = [SE2.identity()]
@@ -157,7 +156,7 @@ def weak_steps_of(
         poses.append(poses[-1] @ one.T_before)
     graph = KeyframeGraph((0.0, 0.0, 0.0))
     graph.renew(keyframes, [], np.array([pose.as_array() for pose in poses]))
-    return graph, SimpleNamespace(told_steps=[ToldStep(step, WHEELS)] * count)
+    return graph, [ToldStep(step, WHEELS)] * count
 
 
 def fitting(count: int, fit: float) -> list[FrontEndStep]:

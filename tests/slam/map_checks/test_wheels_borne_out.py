@@ -10,7 +10,7 @@ from slam import SE2
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.beams import Beams
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
-from slam.frontend.strays import ToldStep
+from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import ScaledStep
 from slam.loop_closing import Loop
 from slam.map_checks.wheels_borne_out import (
@@ -116,14 +116,14 @@ def test_steps_of_an_earlier_session_stay():
     graph.take([Loop(i, j, true[i].inverse() @ true[j], sharp, 1.0, 0.0) for i, j in ROUND])
     first, own = 10, COUNT - 10
     scaled = [ScaledStep(1.0, np.ones(3))] * own
-    front_end = SimpleNamespace(told_steps=[GUESSED] * own, scaled_steps=scaled)
+    front_end = SimpleNamespace(scaled_steps=scaled)
     steps = [scan_of_keyframe(k) for k in range(first, COUNT)]
     by_scan = [ToldStep(STEP, BY_WHEELS)] * own
     believe_where_borne_out(graph, front_end, steps, by_scan)
     changed = {k for k, one in enumerate(graph.keyframes) if one is not keyframes[k]}
     assert changed == set(LOOSE)
     for k in range(first + 1, COUNT):
-        is_told = not front_end.told_steps[k - first].is_guess
+        is_told = not graph.keyframes[k].told.is_guess
         assert is_told == (k in LOOSE) == (not front_end.scaled_steps[k - first].slope.any())
     poses = graph.solve().poses
     off_m = [np.hypot(*(poses[k, :2] - (true[k].x, true[k].y))) for k in LOOSE]

@@ -1,0 +1,100 @@
+"""The step between two keyframes as two factors of a pose graph: what the wheels told, and what the scans add."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from slam.arrays import FloatArray
+from slam.frontend.keyframes import Keyframe
+from slam.se2 import SE2
+
+_APART, _APART_RAD = 5.0, 1.0
+"""Standard deviations of a step up to which scans may lead elsewhere than both together: wheels that it contradicts
+by more are taken for less sure; and angle, beyond which there is no telling the two apart. Chosen."""
+_LEAST_SHARE = 1e-6
+"""Of the information of a step; chosen: less tells nothing, and would be computed of rounding alone."""
+_SMALL_ANGLE_RAD = 1e-3
+_Factor = tuple[SE2, FloatArray]
+"""A way, and the information of it."""
+
+
+def step_factors(
+    keyframes: Sequence[Keyframe], spread: FloatArray
+) -> Iterator[tuple[_Factor, ...]]:
+    """Of each step to a keyframe: the way from the one before and the information (3, 3) of that, by the
+    wheels and by the scans; one alone where the other told nothing. spread (3, 3): covariance of each step
+    beside its own.
+
+    Together they lead where the step does, and are as sure. The step is a Kalman filter's, which took the wheels'
+    way for its prediction: its information less theirs is what scans told. Where it is less sure than the wheels,
+    since something showed them to be wrong, they are no surer; and where they lead far elsewhere, less.
+    """
+    two = iter(_by_wheels_and_scans([one for one in keyframes if not one.told.is_guess], spread))
+    for keyframe in keyframes:
+        factors = () if keyframe.told.is_guess else next(two)
+        if factors:
+            yield factors
+        else:
+            yield ((keyframe.T_before, _inverse(keyframe.covariance + spread)),)
+
+
+def _by_wheels_and_scans(
+    keyframes: Sequence[Keyframe], spread: FloatArray
+) -> Iterator[tuple[_Factor, ...]]:
+    """Of each step to keyframes (S), of which wheels told: by them, and by the scans unless these told nothing; none
+    where they are too far apart."""
+    if not keyframes:
+        return
+    off = np.array([one.T_before.between(one.told.motion).log() for one in keyframes])
+    covariances, told = (
+        np.array(some) + spread
+        for some in zip(*((one.covariance, one.told.covariance) for one in keyframes), strict=True)
+    )
+    slopes = _slopes(-off)
+    # in the axes of the roots the step's information is the identity, the wheels' diagonal
+    roots = np.asarray(np.linalg.cholesky(_inverse(covariances)))
+    turned = _inverse(roots).transpose(0, 2, 1)
+    shares, axes = np.linalg.eigh(_seen_by(slopes @ turned, _inverse(told)))
+    roots = roots @ axes
+    along = np.einsum("nji,nj->ni", roots, off)
+    shares = np.minimum(np.minimum(shares, 1.0), _APART / (_APART + np.abs(along)))
+    rest = np.maximum(1.0 - shares, _LEAST_SHARE)
+    # back to the step's own axes: there covariance @ roots is the inverse of the roots' transpose
+    elsewhere = np.einsum("nij,njk,nk->ni", covariances, roots, -shares / rest * along)
+    by_wheels, by_scans = (
+        _seen_by(_inverse(of), roots * share[:, None, :] @ roots.transpose(0, 2, 1))
+        for of, share in ((slopes, shares), (_slopes(-elsewhere), rest))
+    )
+    for k, one in enumerate(keyframes):
+        if max(abs(off[k, 2]), abs(elsewhere[k, 2])) > _APART_RAD:
+            yield ()
+        elif rest[k].max() <= _LEAST_SHARE:
+            yield ((one.told.motion, by_wheels[k]),)
+        else:
+            T_scans = one.T_before @ SE2.exp(elsewhere[k])
+            yield (one.told.motion, by_wheels[k]), (T_scans, by_scans[k])
+
+
+def _slopes(residuals: FloatArray) -> FloatArray:
+    """(S, 3, 3) of an edge's residuals (S, 3), by the twist of its end: the inverse of the right Jacobian of exp there,
+    1 + ad / 2 + k ad^2."""
+    x, y, theta = residuals.T
+    ad = np.zeros((len(residuals), 3, 3))
+    ad[:, 0, 1], ad[:, 1, 0], ad[:, 0, 2], ad[:, 1, 2] = -theta, theta, y, -x
+    is_small = np.abs(theta) < _SMALL_ANGLE_RAD
+    safe = np.where(is_small, 1.0, theta)
+    k = np.where(is_small, 1.0 / 12.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
+    slopes: FloatArray = np.eye(3) + 0.5 * ad + k[:, None, None] * ad @ ad
+    return slopes
+
+
+def _seen_by(slopes: FloatArray, information: FloatArray) -> FloatArray:
+    """(S, 3, 3) of what moves by a slope (S, 3, 3) for each unit of something, the information on that."""
+    return np.asarray(slopes.transpose(0, 2, 1) @ information @ slopes)
+
+
+def _inverse(matrices: FloatArray) -> FloatArray:
+    """(..., 3, 3) inverses."""
+    return np.asarray(np.linalg.inv(matrices))
