@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import math
 import time
+from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,7 @@ from experiments.memory import resident_mb
 from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_result import SlamLog
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_summary
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, IntArray
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.map_checks.drive_monitor import told_by_wheels_alone
 from slam.map_checks.map_consistency import leaves_no_doubt
@@ -172,11 +173,11 @@ def _driven(
     joined_at, index, slowest_s, watched_s = None, 0, 0.0, 0.0
     started_s, before_mb = time.thread_time(), resident_mb()
     motion = MotionSinceScan(log.noise)
-    times_s, odometry, scan_rows = [], [], []
+    times, told, scan_rows = array("d"), array("d"), array("q")
     for row, record in enumerate(log.records_in_time()):
-        times_s.append(record.time_s)
+        times.append(record.time_s)
         measurement = motion.add(record)
-        odometry.append(motion.T_odom_base.as_array())
+        told.extend(motion.T_odom_base.as_array())
         if measurement is None:
             continue
         update_s = time.thread_time()
@@ -197,13 +198,12 @@ def _driven(
     after_mb = resident_mb()
     memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
     slam_map = mapper.finish()
-    objections = _without_scans(np.array(times_s), np.array(odometry), scan_rows)
+    times_s, odometry, rows = np.array(times), np.reshape(told, (-1, 3)), np.array(scan_rows)
+    objections = _without_scans(times_s, odometry, rows)
     slam_map = slam_map.objected(objections)
     finish_s = time.thread_time() - started_s - online_s - watched_s
     of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
-    trajectory = _of_records(
-        log, np.array(times_s), np.array(odometry), np.array(scan_rows), of_scans
-    )
+    trajectory = _of_records(log, times_s, odometry, rows, of_scans)
     is_joined = known is not None and known.session_count not in slam_map.unjoined
     return SlamLog(
         log.name, slam_map, trajectory, online_s, finish_s, slowest_s, 0.0, memory_mb,
@@ -211,9 +211,9 @@ def _driven(
     )  # fmt: skip
 
 
-def _without_scans(times_s: FloatArray, odometry: FloatArray, scan_rows: list[int]) -> list[str]:
+def _without_scans(times_s: FloatArray, odometry: FloatArray, scan_rows: IntArray) -> list[str]:
     """In words, where the log begins or ends with a long way and no scans at all."""
-    if not scan_rows:
+    if len(scan_rows) == 0:
         return []
     said = []
     for part in (slice(0, scan_rows[0] + 1), slice(scan_rows[-1], None)):

@@ -84,8 +84,7 @@ class SlamLog:
         """Plain numbers, for `summary.json`."""
         slam_map, verdict = self.slam_map, self.slam_map.verdict
         session = slam_map.session_count - 1
-        steps = [step for step in slam_map.steps if step.session == session]
-        counts = Counter(step.status.value for step in steps)
+        counts = Counter(step.status.value for step in slam_map.steps if step.session == session)
         return {
             "experiment": "slam",
             "log": self.name,
@@ -95,7 +94,7 @@ class SlamLog:
             "joined_at": self.joined_at,
             "start": None if self.start is None else self.start.as_array().tolist(),
             "sessions": [self._session(number) for number in range(slam_map.session_count)],
-            "scans": len(steps),
+            "scans": counts.total(),
             **{status.value: counts[status.value] for status in StepStatus},
             "records": len(self.trajectory),
             "duration_s": float(np.ptp(self.trajectory.times_s)),

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from slam.arrays import FloatArray, diagonal_of
-from slam.frontend.keyframes import FrontEndStep, Keyframe
+from slam.frontend.keyframes import FrontEndStep, Keyframe, scan_poses
 from slam.known_map import KnownMap, laser_seen
 from slam.laser_model import LaserModel
 from slam.localization import Localizer
@@ -41,7 +41,7 @@ class SlamMap:
     loops: tuple[Loop, ...]
     rejected: tuple[Loop, ...]
     graph: PoseGraph
-    steps: tuple[FrontEndStep, ...]
+    steps: Sequence[FrontEndStep]
     verdict: MapVerdict
 
     @property
@@ -72,11 +72,13 @@ class SlamMap:
     @property
     def trajectory(self) -> Trajectory:
         """Where each scan was taken, in the order of the log; one session after the other."""
-        return self._trajectory(self.steps)
+        return Trajectory(*scan_poses(self.steps, self.poses))
 
     def trajectory_of(self, session: int) -> Trajectory:
         """Where each scan of one session, counted from 0, was taken."""
-        return self._trajectory([step for step in self.steps if step.session == session])
+        rows = [at for at, step in enumerate(self.steps) if step.session == session]
+        whole = self.trajectory
+        return Trajectory(whole.times_s[rows], whole.poses[rows])
 
     def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
         """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""
@@ -115,10 +117,6 @@ class SlamMap:
     def pose_of(self, step: FrontEndStep) -> SE2:
         """Where a scan was taken."""
         return step.placed(self.poses)
-
-    def _trajectory(self, steps: Sequence[FrontEndStep]) -> Trajectory:
-        poses = [self.pose_of(step).as_array() for step in steps]
-        return Trajectory(np.array([step.time_s for step in steps]), np.array(poses).reshape(-1, 3))
 
 
 def surfaces_seen(keyframes: Sequence[Keyframe], poses: FloatArray) -> Surfaces:

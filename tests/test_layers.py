@@ -66,7 +66,16 @@ ONLY_IN = {
 
 RANKS = (
     {"arrays", "se2", "kernels", "normal_points", "pose_arrays", "whole_files", "text_fields"}
-    | {"yaml_files", "near_cells", "in_steps", "running_median", "compiling", "lazy", "records"},
+    | {
+        "yaml_files",
+        "near_cells",
+        "in_steps",
+        "running_median",
+        "compiling",
+        "lazy",
+        "records",
+        "packed",
+    },
     {
         "measurements",
         "odometry",

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.looseness import Looseness
 from slam.backend.map_session import MapSession
 from slam.frontend.front_end import FrontEnd
-from slam.frontend.keyframes import FrontEndStep, Keyframe
+from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe, Steps
 from slam.frontend.odometry_jumps import OdometryJumps
 from slam.frontend.strays import may_have_strayed
-from slam.frontend.told_steps import ToldStep
+from slam.frontend.told_steps import ToldStep, ToldSteps
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
@@ -35,7 +36,8 @@ class Drive:
         self.closer = LoopCloser(config.loops, config.front_end.surfaces)
         self.graph = KeyframeGraph(config.step_sigma)
         self.session = MapSession(self.graph, config)
-        self.steps, self.told = list[FrontEndStep](), list[ToldStep]()
+        self.steps: Steps = FrontEndSteps()
+        self.told = ToldSteps()
         self.weak_steps = WeakSteps()
         self.breaks = BreaksBorneOut(config.front_end.break_sigma, config.step_sigma)
         self.jumps = OdometryJumps()
@@ -46,7 +48,7 @@ class Drive:
 
         Raises ValueError for a map without a wall, if it is not.
         """
-        self.steps = list(slam_map.steps)
+        self.steps = FrontEndSteps(slam_map.steps)
         loops = [*slam_map.loops, *slam_map.rejected]
         self.graph.renew(list(slam_map.keyframes), loops, slam_map.poses)
         is_open = {step.keyframe for step in slam_map.steps if step.is_keyframe and step.is_open}
@@ -54,7 +56,7 @@ class Drive:
         self.session = MapSession.after(slam_map, start, self.graph, self.closer, self.config)
 
     @property
-    def own_steps(self) -> list[FrontEndStep]:
+    def own_steps(self) -> Sequence[FrontEndStep]:
         """The scans of the drive itself."""
         return self.steps[self.session.first_step :]
 

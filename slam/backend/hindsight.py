@@ -12,6 +12,7 @@ from slam.map_checks.followers import with_followers_left
 from slam.map_checks.jumped_scans import has_jumped_alone
 from slam.map_checks.there_and_back import put_strays_back
 from slam.map_checks.wheels_borne_out import believe_where_borne_out, told_to_keyframes
+from slam.packed import each
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
 
@@ -71,7 +72,7 @@ def _rescale(drive: Drive) -> None:
 def _leave_followers(drive: Drive, moved: dict[int, SE2]) -> None:
     """Has scans stay that were seen from keyframes that moved, where these alone were drawn aside."""
     wheels, first = drive.front_end.wheel_scale, drive.session.first
-    told = [replace(one, motion=wheels.scaled(one.motion)) for one in drive.told]
+    told = each(drive.told, wheels.scaled_step)
     left = with_followers_left(
         drive.steps, drive.session.first_step, told, drive.graph.poses, moved
     )
@@ -79,7 +80,7 @@ def _leave_followers(drive: Drive, moved: dict[int, SE2]) -> None:
         ways = {
             one.T_keyframe_base: other.T_keyframe_base
             for one, other in zip(drive.steps, left, strict=True)
-            if one is not other and one.keyframe == k
+            if one.keyframe == k and one.T_keyframe_base != other.T_keyframe_base
         }
         drive.front_end.glances[k - first].move(ways)
     drive.steps = left

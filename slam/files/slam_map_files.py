@@ -16,7 +16,7 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.files.slam_map_checks import MAY_BE_INFINITE, check_arrays
 from slam.files.whole_files import read_at_most, write_whole
-from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
+from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe, StepStatus
 from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.map_consistency import MapVerdict
@@ -123,7 +123,8 @@ def read_slam_map(path: str | Path) -> SlamMap:
 
 
 def _arrays_of(slam_map: SlamMap) -> _Arrays:
-    keyframes, steps, verdict = slam_map.keyframes, slam_map.steps, slam_map.verdict
+    keyframes, verdict, steps = slam_map.keyframes, slam_map.verdict, slam_map.steps
+    rows = steps if isinstance(steps, FrontEndSteps) else FrontEndSteps(steps)
     loops = (*slam_map.loops, *slam_map.rejected)
     glances = [glance for one in keyframes for glance in one.glances]
     return {
@@ -155,15 +156,15 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "loop_ratios": np.array([(o.inlier_ratio, o.passed_ratio) for o in loops]).reshape(-1, 2),
         "loop_is_tie": np.array([one.is_tie for one in loops], dtype=np.bool_),
         "loops_kept": np.array(len(slam_map.loops)),
-        "step_times_s": np.array([one.time_s for one in steps]),
-        "step_keyframes": np.array([one.keyframe for one in steps], dtype=np.int64),
-        "step_ways": _poses([one.T_keyframe_base for one in steps]),
-        "step_poses": _poses([one.T_map_base for one in steps]),
-        "step_statuses": np.array([_STATUSES.index(one.status) for one in steps], dtype=np.int64),
-        "step_inliers": np.array([one.inlier_ratio for one in steps]),
-        "step_is_keyframe": np.array([one.is_keyframe for one in steps], dtype=np.bool_),
-        "step_sessions": np.array([one.session for one in steps], dtype=np.int64),
-        "step_is_open": np.array([one.is_open for one in steps], dtype=np.bool_),
+        "step_times_s": rows.column("time_s"),
+        "step_keyframes": rows.column("keyframe").astype(np.int64),
+        "step_ways": rows.columns("x_m", "y_m", "theta_rad"),
+        "step_poses": rows.columns("map_x_m", "map_y_m", "map_theta_rad"),
+        "step_statuses": rows.column("status").astype(np.int64),
+        "step_inliers": rows.column("inlier_ratio"),
+        "step_is_keyframe": rows.column("is_keyframe"),
+        "step_sessions": rows.column("session").astype(np.int64),
+        "step_is_open": rows.column("is_open"),
         "verdict": np.array(
             [verdict.is_good, verdict.passed_ratio, verdict.bad_pairs, verdict.pairs], dtype=float
         ),
@@ -212,7 +213,7 @@ def _map_of(arrays: _Arrays) -> SlamMap:
             arrays["loop_ratios"], arrays["loop_is_tie"], strict=True,
         )
     )  # fmt: skip
-    steps = tuple(
+    steps = FrontEndSteps(
         FrontEndStep(
             float(time_s), int(keyframe), SE2.from_array(way), SE2.from_array(pose),
             _STATUSES[int(status)], float(inliers), bool(is_keyframe), int(session),

@@ -6,12 +6,14 @@ import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.frontend.told_steps import ToldStep
+from slam.packed import PackedRows
 from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import faced
@@ -108,3 +110,53 @@ class FrontEndStep:
         if self.keyframe < 0:
             return self.T_keyframe_base
         return SE2.from_array(poses[self.keyframe]) @ self.T_keyframe_base
+
+
+_STATUSES = tuple(StepStatus)
+
+
+class FrontEndSteps(PackedRows[FrontEndStep]):
+    """Where each scan of a drive was placed: 90 bytes a scan."""
+
+    DTYPE: ClassVar[np.dtype[Any]] = np.dtype(
+        [
+            ("time_s", "f8"), ("keyframe", "i4"), ("x_m", "f8"), ("y_m", "f8"), ("theta_rad", "f8"),
+            ("map_x_m", "f8"), ("map_y_m", "f8"), ("map_theta_rad", "f8"), ("status", "u1"),
+            ("inlier_ratio", "f8"), ("is_keyframe", "?"), ("session", "i4"), ("is_open", "?"),
+            ("passed_ratio", "f8"), ("is_tied", "?"),
+        ]
+    )  # fmt: skip
+
+    @staticmethod
+    def packed(thing: FrontEndStep) -> tuple[Any, ...]:
+        """See `PackedRows`."""
+        here, there = thing.T_keyframe_base, thing.T_map_base
+        return (
+            thing.time_s, thing.keyframe, here.x, here.y, here.theta, there.x, there.y, there.theta,
+            _STATUSES.index(thing.status), thing.inlier_ratio, thing.is_keyframe, thing.session,
+            thing.is_open, thing.passed_ratio, thing.is_tied,
+        )  # fmt: skip
+
+    @staticmethod
+    def unpacked(row: tuple[Any, ...]) -> FrontEndStep:
+        """See `PackedRows`."""
+        time_s, keyframe, x, y, theta, map_x, map_y, map_theta, status, *rest = row
+        return FrontEndStep(
+            time_s,
+            keyframe,
+            SE2(x, y, theta),
+            SE2(map_x, map_y, map_theta),
+            _STATUSES[status],
+            *rest,
+        )
+
+
+Steps = list[FrontEndStep] | FrontEndSteps
+"""Of which `copy.copy` makes others, to be changed."""
+
+
+def scan_poses(steps: Sequence[FrontEndStep], poses: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """When (N,) [s] and where (N, 3) scans were taken, with keyframes at poses (K, 3)."""
+    told = ((step.time_s, *step.placed(poses).as_array().tolist()) for step in steps)
+    rows: FloatArray = np.fromiter(told, np.dtype((np.float64, 4)), len(steps))
+    return rows[:, 0], rows[:, 1:]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import reduce
+from typing import Any, ClassVar
 
 import numpy as np
 
 from slam.arrays import FloatArray, diagonal_of
 from slam.measurements import Measurement
 from slam.odometry import compose_covariance
+from slam.packed import PackedRows
 from slam.records import record
 from slam.se2 import SE2
 
@@ -71,3 +73,20 @@ def told_step(measurement: Measurement, step_sigma: tuple[float, float, float]) 
     """The motion since the last scan, as unsure as it says and by step_sigma (m, m, rad) beside."""
     spread = measurement.motion_covariance + diagonal_of(step_sigma)
     return ToldStep(measurement.motion, spread)
+
+
+class ToldSteps(PackedRows[ToldStep]):
+    """How far the wheels went to each scan of a drive: 100 bytes a scan."""
+
+    DTYPE: ClassVar[np.dtype[Any]] = np.dtype([(f"of_{k}", "f8") for k in range(12)])
+
+    @staticmethod
+    def packed(thing: ToldStep) -> tuple[Any, ...]:
+        """See `PackedRows`."""
+        way = thing.motion
+        return way.x, way.y, way.theta, *thing.covariance.ravel().tolist()
+
+    @staticmethod
+    def unpacked(row: tuple[Any, ...]) -> ToldStep:
+        """See `PackedRows`."""
+        return ToldStep(SE2(*row[:3]), np.array(row[3:]).reshape(3, 3))

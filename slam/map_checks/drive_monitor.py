@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
@@ -180,14 +181,16 @@ def blind_stretches(steps: Sequence[FrontEndStep], most_blind_m: float) -> list[
     said = []
     if not any(step.is_keyframe for step in steps):
         said.append("no scan tells anything: there is nothing on the map")
-    for session in sorted({step.session for step in steps}):
-        own = [step for step in steps if step.session == session]
-        tells = [_tells(step) for step in own]
+    first = 0
+    for _, of_session in groupby(steps, lambda step: step.session):
+        tells = bytes(_tells(step) for step in of_session)
+        own, first = steps[first : first + len(tells)], first + len(tells)
         parts = [own]
         if any(tells):
-            parts = [own[: tells.index(True) + 1], own[-1 - tells[::-1].index(True) :]]
+            parts = [own[: tells.index(True) + 1], own[tells.rindex(True) :]]
         for part in parts:
-            places = np.array([(step.T_map_base.x, step.T_map_base.y) for step in part])
+            told = ((step.T_map_base.x, step.T_map_base.y) for step in part)
+            places = np.fromiter(told, np.dtype((np.float64, 2)), len(part))
             way_m = float(np.hypot(*np.diff(places, axis=0).T).sum())
             if way_m > most_blind_m:
                 said.append(told_by_wheels_alone(part[0].time_s, part[-1].time_s, way_m))

@@ -7,23 +7,24 @@ off the other way once it was right.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import FrontEndStep
+from slam.frontend.keyframes import FrontEndStep, Steps
 from slam.frontend.strays import apart_m
 from slam.frontend.told_steps import ToldStep
 from slam.se2 import SE2
 
 
 def with_followers_left(
-    steps: Sequence[FrontEndStep],
+    steps: Steps,
     first_step: int,
     told: Sequence[ToldStep],
     poses: FloatArray,
     moved: Mapping[int, SE2],
-) -> list[FrontEndStep]:
+) -> Steps:
     """All steps, those of the last session left where they were whose keyframe has moved, if they lie nearer
     there to the way to the next one than if they go with it.
 
@@ -31,7 +32,7 @@ def with_followers_left(
     before. poses: (K, 3) of the keyframes [m, rad]; moved: where each of those that were was before, as seen
     from where it is.
     """
-    found = list(steps)
+    found = copy(steps)
     ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
     for start, end in pairwise(ends):
         k = steps[start].keyframe

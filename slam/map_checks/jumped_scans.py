@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.beams import POINTS_WITHIN_M
-from slam.frontend.keyframes import FrontEndStep, Keyframe
+from slam.frontend.keyframes import FrontEndStep, Keyframe, Steps
 from slam.frontend.strays import (
     StrayConfig,
     apart_m,
@@ -50,7 +51,7 @@ def has_jumped_alone(
 
 
 def with_jumped_put_back(
-    steps: Sequence[FrontEndStep],
+    steps: Steps,
     first_step: int,
     told: Sequence[ToldStep],
     keyframes: Sequence[Keyframe],
@@ -58,25 +59,25 @@ def with_jumped_put_back(
     glances: Mapping[int, Sequence[Glance]],
     surfaces: SurfaceMapConfig,
     config: StrayConfig | None = None,
-) -> list[FrontEndStep]:
+) -> Steps:
     """All steps, those of the last session that jumped by scans alone where they fit on a way that does not.
 
     first_step: with which the session begins; told: the motion by the wheels to each of its scans, from the one
     before. poses: (K, 3) of the keyframes [m, rad]; glances: scans of the session since each of them.
     """
-    before, config = list(steps), config or StrayConfig()
-    if not has_jumped_alone(before, first_step, told, poses):
-        return before
-    found, left = list(before), set[int]()
-    runs = _jumped_runs(before, first_step, told, keyframes, poses)
+    config = config or StrayConfig()
+    if not has_jumped_alone(steps, first_step, told, poses):
+        return steps
+    found, left = copy(steps), set[int]()
+    runs = _jumped_runs(steps, first_step, told, keyframes, poses)
     for start, end in runs:
         k = steps[start].keyframe
         known = _placed_again(
-            (start, end), before, keyframes, poses, glances.get(k, ()), SurfaceMap(surfaces), config
+            (start, end), steps, keyframes, poses, glances.get(k, ()), SurfaceMap(surfaces), config
         )
         T_map_keyframe = SE2.from_array(poses[k])
         for at in range(start + 1, end) if known else ():
-            step, T_keyframe_base = before[at], T_map_keyframe.between(_between(known, before, at))
+            step, T_keyframe_base = steps[at], T_map_keyframe.between(_between(known, steps, at))
             T_session_base = step.T_map_base @ step.T_keyframe_base.between(T_keyframe_base)
             found[at] = replace(step, T_map_base=T_session_base, T_keyframe_base=T_keyframe_base)
         left |= {at for at in range(start + 1, end) if known and at not in known}
@@ -88,7 +89,8 @@ def with_jumped_put_back(
     for start, end in runs:
         way = slice(bisect_left(kept, start), bisect_left(kept, end))
         if (jumps.apart_m[way] > APART_M).any():
-            found[start:end] = before[start:end]  # it is not known any better now
+            for at in range(start, end):  # it is not known any better now
+                found[at] = steps[at]
     return found
 
 

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
-from slam.frontend.keyframes import FrontEndStep, StepStatus
+from slam.frontend.keyframes import FrontEndStep, StepStatus, scan_poses
 from slam.frontend.told_steps import ToldStep
 from slam.se2 import SE2
 
@@ -101,13 +101,12 @@ def jumps_between(
     """The jumps between the scans of a session; none, where those are too few to tell. Otherwise as `scan_jumps`."""
     if len(own) < _LEAST:
         return _no_jumps(len(own))
-    placed = [step.placed(poses) for step in own]
-    velocities_mps, intervals_s = _driven(placed, [step.time_s for step in own])
+    times_s, found = scan_poses(own, poses)
+    velocities_mps, intervals_s = _driven(found[:, :2], times_s)
     speeds_mps = np.hypot(*velocities_mps.T)
     is_seen, is_guess = _is_seen(own), np.array([one.is_guess for one in told[1:]])
-    off = np.array(
-        [one.squared(*ends) for one, ends in zip(told[1:], pairwise(placed), strict=True)]
-    )
+    ways = pairwise(SE2.from_array(pose) for pose in found)
+    off = np.array([one.squared(*ends) for one, ends in zip(told[1:], ways, strict=True)])
     is_denied = ~is_guess & _is_on_the_way(told, intervals_s) & (off > _AGAINST * noise)
     if is_odometry_doubted:
         is_alone = _is_alone(~is_guess & (off < _ALIKE * noise))
@@ -136,13 +135,12 @@ def _no_jumps(count: int) -> Jumps:
     return Jumps(none, none, zeros, zeros, zeros)
 
 
-def _driven(placed: Sequence[SE2], times_s: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """(N - 1, 2) velocities [m/s] from each of N scans to the next, in the map's frame, and (N - 1,) the
-    time that took [s]; of stamps that stand, or go back, half as long as usual."""
+def _driven(places_m: FloatArray, times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N - 1, 2) velocities [m/s] from each of N places (N, 2) to the next, and (N - 1,) the time that took [s];
+    of stamps (N,) that stand, or go back, half as long as usual."""
     intervals_s = np.diff(times_s)
     intervals_s = np.maximum(intervals_s, max(0.5 * float(np.median(intervals_s)), _BRIEF_S))
-    moved_m = np.diff([(pose.x, pose.y) for pose in placed], axis=0)
-    return moved_m / intervals_s[:, np.newaxis], intervals_s
+    return np.diff(places_m, axis=0) / intervals_s[:, np.newaxis], intervals_s
 
 
 def _is_seen(steps: Sequence[FrontEndStep]) -> BoolArray:

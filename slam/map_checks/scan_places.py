@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import WheelScale
 from slam.map_checks.blind_poses import unknown_blind_poses
 from slam.map_checks.scan_jumps import scan_jumps
 from slam.map_checks.wheels_borne_out import shown_noise, told_to_keyframes
+from slam.packed import each
 from slam.slam_map import SlamMap
 
 
@@ -29,7 +29,7 @@ def unknown_places(
     if is_odometry_doubted:  # the front end did not ask how noisy wheels are
         to_keyframes = told_to_keyframes(steps[first_step:], told)
         noise = shown_noise(slam_map.keyframes, poses, to_keyframes) or noise
-    scaled = [replace(one, motion=wheels.scaled(one.motion)) for one in told]
+    scaled = each(told, wheels.scaled_step)
     said = scan_jumps(steps, first_step, scaled, poses, noise, is_odometry_doubted)
     is_whole = slam_map.verdict.is_good
     return said or unknown_blind_poses(steps, first_step, scaled, poses, noise, is_whole)

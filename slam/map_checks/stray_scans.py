@@ -9,17 +9,19 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
 
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import FrontEndStep
+from slam.frontend.keyframes import Steps
 from slam.frontend.open_runs import EXACTLY, tied
 from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import WheelScale
 from slam.kernels.normal_equations import inverse_of
+from slam.packed import each
 from slam.se2 import SE2, wrap_angle
 
 _TRUST = 20.0
@@ -41,14 +43,14 @@ Chosen: of what else may be wrong with a scan, its heading is hardly ever."""
 
 
 def with_scans_put_back(
-    steps: Sequence[FrontEndStep],
+    steps: Steps,
     first_step: int,
     told: Sequence[ToldStep],
     wheel_scale: WheelScale,
     poses: FloatArray,
     is_doubted: bool = False,
     noise: float | None = None,
-) -> list[FrontEndStep]:
+) -> Steps:
     """All steps, those of the last session that had strayed on the way between their keyframes.
 
     is_doubted: scans that do not say where they were taken had been placed without the wheels; they are
@@ -59,7 +61,7 @@ def with_scans_put_back(
     multiple of what was told; None: as `WheelScale` learnt it.
     """
     noise = wheel_scale.noise if noise is None else max(noise, _LEAST_NOISE)
-    moved = list(steps)
+    moved = copy(steps)
     ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
     for start, end in pairwise(ends):
         if end == start + 1:
@@ -98,7 +100,7 @@ class _Way:
         way; None where wheels are off by more than they should be, or told nothing. They may have jumped, once."""
         if sum(step.is_guess for step in steps) > 1:
             return None
-        scaled = [replace(step, motion=wheel_scale.scaled(step.motion)) for step in steps]
+        scaled = each(steps, wheel_scale.scaled_step)
         way, T_end = ToldStep.of(scaled), seen[-1]
         off = (way.motion.inverse() @ T_end).log()
         loosely = max(noise, wheel_scale.noise)

@@ -56,9 +56,7 @@ def said_of(
     noise: float = 1.0,
 ) -> list[str]:
     """Of wheels that tell the step, if no other."""
-    wheels = SimpleNamespace(
-        noise=noise, scaled=lambda motion: SE2(scale * motion.x, motion.y, motion.theta)
-    )
+    wheels = SimpleNamespace(noise=noise, scaled_step=lambda told: told.longer(scale))
     by_wheels = [told or ToldStep(STEP, WHEELS)] * (len(drive.steps) - FIRST)
     return unknown_places(drive, FIRST, by_wheels, wheels, is_doubted)
 

@@ -1,0 +1,121 @@
+"""Many things of a few numbers each, kept as these numbers: of a scan each tenth of a second there soon are millions."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, ClassVar, Generic, Self, TypeVar, overload
+
+import numpy as np
+
+_Kept = TypeVar("_Kept")
+_From = TypeVar("_From")
+_ROWS = 1024
+"""Of a block. Chosen: little of the last one is empty, and no row is ever moved, which leaves holes behind."""
+
+
+class PackedRows(Sequence[_Kept], Generic[_Kept]):
+    """A list of things that are made anew, equal to what was put in, whenever one is asked for.
+
+    A class of these says what a row is made of, and how a thing is made of it. `copy.copy` of one is another list.
+    """
+
+    DTYPE: ClassVar[np.dtype[Any]]
+
+    def __init__(self, things: Iterable[_Kept] = ()) -> None:
+        self._blocks, self._count = list[np.ndarray](), 0
+        for thing in things:
+            self.append(thing)
+
+    @staticmethod
+    @abstractmethod
+    def packed(thing: _Kept) -> tuple[Any, ...]:
+        """The numbers of a thing, in the order of DTYPE."""
+
+    @staticmethod
+    @abstractmethod
+    def unpacked(row: tuple[Any, ...]) -> _Kept:
+        """The thing that these numbers were of."""
+
+    def append(self, thing: _Kept) -> None:
+        """One more."""
+        block, row = divmod(self._count, _ROWS)
+        if block == len(self._blocks):
+            self._blocks.append(np.empty(_ROWS, self.DTYPE))
+        elif row == len(self._blocks[block]):  # of a copy
+            more = np.empty(_ROWS - row, self.DTYPE)
+            self._blocks[block] = np.concatenate([self._blocks[block], more])
+        self._blocks[block][row] = self.packed(thing)
+        self._count += 1
+
+    def column(self, name: str) -> np.ndarray:
+        """(N,) one number of each."""
+        parts = [block[name] for block in self._blocks] or [np.empty(0, self.DTYPE)[name]]
+        return np.concatenate(parts)[: self._count]
+
+    def columns(self, *names: str) -> np.ndarray:
+        """(N, ...) some numbers of each."""
+        return np.stack([self.column(name) for name in names], axis=1)
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, at: int) -> _Kept: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[_Kept]: ...
+    def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
+        """One of them; of a slice, these, as they are whenever they are asked for."""
+        if isinstance(at, slice):
+            return Seen(self, range(*at.indices(self._count)))
+        block, row = divmod(range(self._count)[at], _ROWS)
+        return self.unpacked(self._blocks[block].item(row))
+
+    def __setitem__(self, at: int, thing: _Kept) -> None:
+        block, row = divmod(range(self._count)[at], _ROWS)
+        self._blocks[block][row] = self.packed(thing)
+
+    def __copy__(self) -> Self:
+        other = type(self)()
+        rest = self._count - _ROWS * (len(self._blocks) - 1)
+        other._blocks = [block.copy() for block in self._blocks[:-1]]
+        other._blocks += [block[:rest].copy() for block in self._blocks[-1:]]
+        other._count = self._count
+        return other
+
+
+class Seen(Sequence[_Kept], Generic[_Kept]):
+    """Some of a sequence, or what something makes of each, one at a time: nothing of it is kept."""
+
+    @overload
+    def __init__(self, of: Sequence[_Kept], rows: range) -> None: ...
+    @overload
+    def __init__(
+        self, of: Sequence[_From], rows: range, made: Callable[[_From], _Kept]
+    ) -> None: ...
+    def __init__(
+        self, of: Sequence[Any], rows: range, made: Callable[[Any], _Kept] | None = None
+    ) -> None:
+        self._of, self._rows, self._made = of, rows, made
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, at: int) -> _Kept: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[_Kept]: ...
+    def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
+        if isinstance(at, slice):
+            return Seen(self._of, self._rows[at], self._made or _itself)
+        one = self._of[self._rows[at]]
+        return one if self._made is None else self._made(one)
+
+
+def _itself(one: _Kept) -> _Kept:
+    return one
+
+
+def each(of: Sequence[_From], made: Callable[[_From], _Kept]) -> Sequence[_Kept]:
+    """What something makes of each of a sequence."""
+    return Seen(of, range(len(of)), made)
