@@ -196,7 +196,9 @@ def _driven(
         index += 1
     online_s = time.thread_time() - started_s - watched_s
     after_mb = resident_mb()
-    memory_mb = None if before_mb is None or after_mb is None else after_mb - before_mb
+    memory_mb = None
+    if before_mb is not None and after_mb is not None:  # pages from before may have been given back
+        memory_mb = max(after_mb - before_mb, 0.0)
     slam_map = mapper.finish()
     times_s, odometry, rows = np.array(times), np.reshape(told, (-1, 3)), np.array(scan_rows)
     objections = _without_scans(times_s, odometry, rows)
