@@ -15,7 +15,7 @@ _ROWS = 1024
 
 
 class PackedRows(Sequence[_Kept], Generic[_Kept]):
-    """A list of things that are made anew, equal to what was put in, whenever one is asked for.
+    """A list of things that are made anew, of the numbers of what was put in, whenever one is asked for.
 
     A class of these says what a row is made of, and how a thing is made of it. `copy.copy` of one is another list.
     """
@@ -24,8 +24,14 @@ class PackedRows(Sequence[_Kept], Generic[_Kept]):
 
     def __init__(self, things: Iterable[_Kept] = ()) -> None:
         self._blocks, self._count = list[np.ndarray](), 0
+        self._is_closed = False
         for thing in things:
             self.append(thing)
+
+    def close(self) -> Self:
+        """No more is put in, or changed, but in copies."""
+        self._is_closed = True
+        return self
 
     @staticmethod
     @abstractmethod
@@ -38,7 +44,8 @@ class PackedRows(Sequence[_Kept], Generic[_Kept]):
         """The thing that these numbers were of."""
 
     def append(self, thing: _Kept) -> None:
-        """One more."""
+        """One more. Raises TypeError where it was closed."""
+        self._check_open()
         block, row = divmod(self._count, _ROWS)
         if block == len(self._blocks):
             self._blocks.append(np.empty(_ROWS, self.DTYPE))
@@ -67,13 +74,18 @@ class PackedRows(Sequence[_Kept], Generic[_Kept]):
     def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
         """One of them; of a slice, these, as they are whenever they are asked for."""
         if isinstance(at, slice):
-            return Seen(self, range(*at.indices(self._count)))
+            return Seen(self, range(*at.indices(self._count)), _itself)
         block, row = divmod(range(self._count)[at], _ROWS)
         return self.unpacked(self._blocks[block].item(row))
 
     def __setitem__(self, at: int, thing: _Kept) -> None:
+        self._check_open()
         block, row = divmod(range(self._count)[at], _ROWS)
         self._blocks[block][row] = self.packed(thing)
+
+    def _check_open(self) -> None:
+        if self._is_closed:
+            raise TypeError("these are read only: change a copy, as copy.copy makes it")
 
     def __copy__(self) -> Self:
         other = type(self)()
@@ -85,18 +97,11 @@ class PackedRows(Sequence[_Kept], Generic[_Kept]):
 
 
 class Seen(Sequence[_Kept], Generic[_Kept]):
-    """Some of a sequence, or what something makes of each, one at a time: nothing of it is kept."""
+    """What something makes of some of a sequence, one at a time: nothing of it is kept."""
 
-    @overload
-    def __init__(self, of: Sequence[_Kept], rows: range) -> None: ...
-    @overload
-    def __init__(
-        self, of: Sequence[_From], rows: range, made: Callable[[_From], _Kept]
-    ) -> None: ...
-    def __init__(
-        self, of: Sequence[Any], rows: range, made: Callable[[Any], _Kept] | None = None
-    ) -> None:
-        self._of, self._rows, self._made = of, rows, made
+    def __init__(self, of: Sequence[_From], rows: range, made: Callable[[_From], _Kept]) -> None:
+        self._of: Sequence[Any] = of
+        self._rows, self._made = rows, made
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -107,15 +112,14 @@ class Seen(Sequence[_Kept], Generic[_Kept]):
     def __getitem__(self, at: slice) -> Sequence[_Kept]: ...
     def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
         if isinstance(at, slice):
-            return Seen(self._of, self._rows[at], self._made or _itself)
-        one = self._of[self._rows[at]]
-        return one if self._made is None else self._made(one)
-
-
-def _itself(one: _Kept) -> _Kept:
-    return one
+            return Seen(self._of, self._rows[at], self._made)
+        return self._made(self._of[self._rows[at]])
 
 
 def each(of: Sequence[_From], made: Callable[[_From], _Kept]) -> Sequence[_Kept]:
     """What something makes of each of a sequence."""
     return Seen(of, range(len(of)), made)
+
+
+def _itself(one: _Kept) -> _Kept:
+    return one

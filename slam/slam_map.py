@@ -77,8 +77,8 @@ class SlamMap:
     def trajectory_of(self, session: int) -> Trajectory:
         """Where each scan of one session, counted from 0, was taken."""
         rows = [at for at, step in enumerate(self.steps) if step.session == session]
-        whole = self.trajectory
-        return Trajectory(whole.times_s[rows], whole.poses[rows])
+        own = self.steps[rows[0] : rows[-1] + 1] if rows else []  # one session after the other
+        return Trajectory(*scan_poses(own, self.poses))
 
     def grid(self, resolution_m: float = 0.05) -> OccupancyGrid:
         """The occupancy grid of the keyframes' scans. Raises ValueError if none saw anything."""

@@ -6,13 +6,18 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import BoolArray, FloatArray
 from slam.frontend.keyframes import Keyframe
 from slam.se2 import SE2
 
-_APART, _APART_RAD = 5.0, 1.0
-"""Standard deviations of a step up to which scans may lead elsewhere than both together: wheels that it contradicts
-by more are taken for less sure; and angle, beyond which there is no telling the two apart. Chosen."""
+_DENIED, _APART = 4.0, 5.0
+"""Squared standard deviations of a step along each of its axes: wheels that it denies by more are as unsure as that;
+and standard deviations up to which scans may lead elsewhere than both together. Chosen."""
+_CURVED = 0.1
+"""Standard deviations of a step, by which two factors that are far apart may have it lead elsewhere where errors are
+told as (x, y, theta), as g2o does, rather than as a logarithm. Chosen."""
+_SOUND = 1e-9
+"""Least eigenvalue of a covariance, as a share of the largest: another is too uneven to be computed with. Chosen."""
 _LEAST_SHARE = 1e-6
 """Of the information of a step; chosen: less tells nothing, and would be computed of rounding alone."""
 _SMALL_ANGLE_RAD = 1e-3
@@ -29,7 +34,7 @@ def step_factors(
 
     Together they lead where the step does, and are as sure. The step is a Kalman filter's, which took the wheels'
     way for its prediction: its information less theirs is what scans told. Where it is less sure than the wheels,
-    since something showed them to be wrong, they are no surer; and where they lead far elsewhere, less.
+    since something showed them to be wrong, they are no surer; and where it denies them, less.
     """
     two = iter(_by_wheels_and_scans([one for one in keyframes if not one.told.is_guess], spread))
     for keyframe in keyframes:
@@ -44,14 +49,14 @@ def _by_wheels_and_scans(
     keyframes: Sequence[Keyframe], spread: FloatArray
 ) -> Iterator[tuple[_Factor, ...]]:
     """Of each step to keyframes (S), of which wheels told: by them, and by the scans unless these told nothing; none
-    where they are too far apart."""
+    where the two cannot be told apart, or are too far apart to be added up."""
     if not keyframes:
         return
     off = np.array([one.T_before.between(one.told.motion).log() for one in keyframes])
-    covariances, told = (
-        np.array(some) + spread
-        for some in zip(*((one.covariance, one.told.covariance) for one in keyframes), strict=True)
-    )
+    covariances = np.array([one.covariance for one in keyframes]) + spread
+    told = np.array([one.told.covariance for one in keyframes]) + spread
+    is_sound = _is_sound(covariances) & _is_sound(told)
+    covariances[~is_sound] = told[~is_sound] = np.eye(3)
     slopes = _slopes(-off)
     # in the axes of the roots the step's information is the identity, the wheels' diagonal
     roots = np.asarray(np.linalg.cholesky(_inverse(covariances)))
@@ -59,7 +64,8 @@ def _by_wheels_and_scans(
     shares, axes = np.linalg.eigh(_seen_by(slopes @ turned, _inverse(told)))
     roots = roots @ axes
     along = np.einsum("nji,nj->ni", roots, off)
-    shares = np.minimum(np.minimum(shares, 1.0), _APART / (_APART + np.abs(along)))
+    shares = np.minimum(np.minimum(shares, 1.0), _DENIED / (_DENIED + along**2))
+    shares = np.minimum(shares, _APART / (_APART + np.abs(along)))
     rest = np.maximum(1.0 - shares, _LEAST_SHARE)
     # back to the step's own axes: there covariance @ roots is the inverse of the roots' transpose
     elsewhere = np.einsum("nij,njk,nk->ni", covariances, roots, -shares / rest * along)
@@ -67,8 +73,11 @@ def _by_wheels_and_scans(
         _seen_by(_inverse(of), roots * share[:, None, :] @ roots.transpose(0, 2, 1))
         for of, share in ((slopes, shares), (_slopes(-elsewhere), rest))
     )
+    pull = np.einsum("nij,nj->ni", by_wheels, _bent(-off))
+    pull += np.einsum("nij,nj->ni", by_scans, _bent(-elsewhere))
+    is_sound &= np.einsum("ni,nij,nj->n", pull, covariances, pull) < _CURVED**2
     for k, one in enumerate(keyframes):
-        if max(abs(off[k, 2]), abs(elsewhere[k, 2])) > _APART_RAD:
+        if not is_sound[k]:
             yield ()
         elif rest[k].max() <= _LEAST_SHARE:
             yield ((one.told.motion, by_wheels[k]),)
@@ -90,6 +99,11 @@ def _slopes(residuals: FloatArray) -> FloatArray:
     return slopes
 
 
+def _bent(residuals: FloatArray) -> FloatArray:
+    """(S, 3) how far the pose of each twist (S, 3) is from that by its numbers."""
+    return np.array([SE2.exp(one).as_array() for one in residuals]) - residuals
+
+
 def _seen_by(slopes: FloatArray, information: FloatArray) -> FloatArray:
     """(S, 3, 3) of what moves by a slope (S, 3, 3) for each unit of something, the information on that."""
     return np.asarray(slopes.transpose(0, 2, 1) @ information @ slopes)
@@ -98,3 +112,9 @@ def _seen_by(slopes: FloatArray, information: FloatArray) -> FloatArray:
 def _inverse(matrices: FloatArray) -> FloatArray:
     """(..., 3, 3) inverses."""
     return np.asarray(np.linalg.inv(matrices))
+
+
+def _is_sound(covariances: FloatArray) -> BoolArray:
+    """(S,) of covariances (S, 3, 3), whether they can be computed with."""
+    least, _, most = np.linalg.eigvalsh(covariances).T
+    return np.asarray(least > _SOUND * most)

@@ -9,7 +9,7 @@ from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.looseness import Looseness
 from slam.backend.map_session import MapSession
 from slam.frontend.front_end import FrontEnd
-from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe, Steps
+from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe
 from slam.frontend.odometry_jumps import OdometryJumps
 from slam.frontend.strays import may_have_strayed
 from slam.frontend.told_steps import ToldStep, ToldSteps
@@ -18,6 +18,7 @@ from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
 from slam.map_checks.weak_steps import WeakSteps
 from slam.mapper_config import MapperConfig
+from slam.packed import Seen
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
 
@@ -36,8 +37,7 @@ class Drive:
         self.closer = LoopCloser(config.loops, config.front_end.surfaces)
         self.graph = KeyframeGraph(config.step_sigma)
         self.session = MapSession(self.graph, config)
-        self.steps: Steps = FrontEndSteps()
-        self.told = ToldSteps()
+        self.steps, self.told = FrontEndSteps(), ToldSteps()
         self.weak_steps = WeakSteps()
         self.breaks = BreaksBorneOut(config.front_end.break_sigma, config.step_sigma)
         self.jumps = OdometryJumps()
@@ -61,9 +61,10 @@ class Drive:
         return self.steps[self.session.first_step :]
 
     @property
-    def told_to_keyframes(self) -> list[ToldStep]:
-        """By the wheels to each keyframe of the drive from the one before."""
-        return [one.told for one in self.graph.keyframes[self.session.first :]]
+    def told_to_keyframes(self) -> Sequence[ToldStep]:
+        """By the wheels to each keyframe of the drive from the one before, as they are now."""
+        own = range(self.session.first, len(self.graph))
+        return Seen(self.graph.keyframes, own, lambda one: one.told)
 
     @property
     def is_later(self) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from slam.arrays import FloatArray
 from slam.backend.drive import Drive
 from slam.backend.joint_adjustment import jointly_adjusted
-from slam.frontend.keyframes import Keyframe, Steps
+from slam.frontend.keyframes import FrontEndSteps, Keyframe
 from slam.frontend.loose_runs import smoothed
 from slam.loop_closing import Loop, LoopCloser
 from slam.map_checks.jumped_scans import with_jumped_put_back
@@ -62,7 +62,7 @@ def _finished(drive: Drive, closer: LoopCloser, every: int) -> SlamMap:
     graph = graph_of(keyframes, (*kept, *rejected), poses, config.step_sigma)
     steps = _placed(drive, keyframes, poses)
     return SlamMap(
-        tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, steps, verdict,
+        tuple(keyframes), poses, tuple(kept), tuple(rejected), graph, steps.close(), verdict,
     )  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def _adjusted(drive: Drive, closer: LoopCloser, every: int) -> tuple[list[Loop],
     return drive.breaks.sorted_loops(graph, drive.told_to_keyframes)
 
 
-def _placed(drive: Drive, keyframes: list[Keyframe], poses: FloatArray) -> Steps:
+def _placed(drive: Drive, keyframes: list[Keyframe], poses: FloatArray) -> FrontEndSteps:
     """Every scan, as seen from its keyframe at poses (K, 3), and what was seen in between with it: where
     wheels led from one keyframe to the next, if something drew it aside."""
     front_end, session, config = drive.front_end, drive.session, drive.config

@@ -76,11 +76,10 @@ def _leave_followers(drive: Drive, moved: dict[int, SE2]) -> None:
     left = with_followers_left(
         drive.steps, drive.session.first_step, told, drive.graph.poses, moved
     )
-    for k in moved:
-        ways = {
-            one.T_keyframe_base: other.T_keyframe_base
-            for one, other in zip(drive.steps, left, strict=True)
-            if one.keyframe == k and one.T_keyframe_base != other.T_keyframe_base
-        }
-        drive.front_end.glances[k - first].move(ways)
+    ways = {k: dict[SE2, SE2]() for k in moved}
+    for one, other in zip(drive.steps, left, strict=True):
+        if one.keyframe in ways and one.T_keyframe_base != other.T_keyframe_base:
+            ways[one.keyframe][one.T_keyframe_base] = other.T_keyframe_base
+    for k, of_scans in ways.items():
+        drive.front_end.glances[k - first].move(of_scans)
     drive.steps = left

@@ -10,6 +10,8 @@ _FARTHEST_M = 1e8
 """Beyond any place on the ground."""
 _MOST_RAD = 1e3
 """Beyond what any laser turns in a scan, and where a float32 still tells beams apart."""
+_UNEVEN = 1e-6
+"""Share of the largest number of a symmetric matrix, by which two across its diagonal may differ: they are rounded."""
 _SHAPES: dict[str, tuple[str | int, ...]] = {
     **dict.fromkeys(("poses", "keyframe_poses", "keyframe_ways", "keyframe_told_ways"), ("keyframes", 3)),
     **dict.fromkeys(
@@ -83,6 +85,10 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
     is_squared = name.endswith("covariances") or name == "loop_information"
     if is_squared and (np.diagonal(array, axis1=1, axis2=2) < 0.0).any():
         raise ValueError(f"{name} are below 0")
+    if is_squared:
+        uneven = np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+        if (uneven > _UNEVEN * np.abs(array).max(axis=(1, 2), initial=0.0)).any():
+            raise ValueError(f"{name} are not symmetric")
 
 
 def _check_counts(arrays: _Arrays, sizes: dict[str, int], status_count: int) -> None:

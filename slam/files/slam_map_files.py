@@ -225,7 +225,7 @@ def _map_of(arrays: _Arrays) -> SlamMap:
             arrays["step_is_keyframe"], arrays["step_sessions"],
             arrays["step_is_open"], strict=True,
         )
-    )  # fmt: skip
+    ).close()  # fmt: skip
     kept, numbers = int(arrays["loops_kept"]), arrays["verdict"]
     verdict = MapVerdict(
         bool(numbers[0]), float(numbers[1]), float(numbers[2]), int(numbers[3]),

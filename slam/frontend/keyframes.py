@@ -6,7 +6,7 @@ import enum
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -151,7 +151,7 @@ class FrontEndSteps(PackedRows[FrontEndStep]):
         )
 
 
-Steps = list[FrontEndStep] | FrontEndSteps
+Steps = TypeVar("Steps", list[FrontEndStep], FrontEndSteps)
 """Of which `copy.copy` makes others, to be changed."""
 
 

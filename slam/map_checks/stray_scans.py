@@ -68,7 +68,7 @@ def with_scans_put_back(
             continue
         before, after = (SE2.from_array(poses[steps[at].keyframe]) for at in (start, end))
         step_told = told[start + 1 - first_step : end + 1 - first_step]
-        seen = [steps[at].T_keyframe_base for at in range(start + 1, end)]
+        seen: list[SE2] = [steps[at].T_keyframe_base for at in range(start + 1, end)]
         way = _Way.told(step_told, wheel_scale, noise, [*seen, before.inverse() @ after])
         if way is None:
             continue

@@ -72,6 +72,17 @@ def test_what_is_changed_in_a_copy_is_not_in_the_first(count):
     assert FrontEndSteps().column("is_open").tolist() == []
 
 
+def test_what_is_closed_is_read_only_but_for_copies():
+    steps = FrontEndSteps(step() for _ in range(3)).close()
+    with pytest.raises(TypeError, match="read only"):
+        steps.append(steps[0])
+    with pytest.raises(TypeError, match="read only"):
+        steps[0] = steps[1]
+    others = copy(steps)
+    others.append(steps[0])
+    assert (len(steps), len(others)) == (3, 4)
+
+
 def test_some_of_them_and_what_is_made_of_each_are_as_of_a_list():
     things = [told() for _ in range(20)]
     packed = ToldSteps(things)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from slam.beams import Beams
 from slam.frontend.keyframes import Keyframe
@@ -78,6 +79,50 @@ def test_wheels_that_a_sure_step_denies_draw_it_nowhere():
     poses, covariances = solved(denied)
     assert np.hypot(*(poses[1] - STEP.as_array())[:2]) < 1e-7
     assert np.allclose(covariances[0], denied.covariance + SPREAD, rtol=1e-5, atol=1e-10)
+
+
+def g2o_optimum(factors: tuple[tuple[SE2, np.ndarray], ...], start: SE2) -> SE2:
+    """Where a solver leads that has errors as (x, y, theta), not as a logarithm."""
+    roots = [np.linalg.cholesky(information).T for _, information in factors]
+
+    def errors(pose: np.ndarray) -> np.ndarray:
+        T = SE2.from_array(pose)
+        of = [way.between(T).as_array() for way, _ in factors]
+        return np.concatenate([root @ one for root, one in zip(roots, of, strict=True)])
+
+    return SE2.from_array(least_squares(errors, start.as_array(), xtol=1e-12, ftol=1e-12).x)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_solvers_that_tell_errors_otherwise_lead_to_the_same_place(seed):
+    """aces, keyframe 168: scans were 0.8 m and 0.6 rad from where both led, and g2o's optimum 0.09 m off."""
+    rng = np.random.default_rng(seed)
+    off = rng.normal(0.0, [0.1, 0.1, 0.05]) * rng.choice([0.1, 1.0, 3.0])
+    loose = rng.normal(0.0, [0.2, 0.2, 0.15]) * rng.choice([0.0, 0.3, 1.0])
+    sure = np.diag(np.square([0.005, 0.005, 0.002]))
+    step = keyframe(ToldStep(STEP @ SE2.exp(off), WHEELS), covariance=sure + np.outer(loose, loose))
+    (factors,) = step_factors([step], SPREAD)
+    off = (STEP.inverse() @ g2o_optimum(factors, STEP)).log()
+    squared = off @ np.linalg.inv(step.covariance + SPREAD) @ off
+    assert squared < 0.3**2
+    assert np.hypot(off[0], off[1]) < 0.01
+    # and neither says that the other is wrong for sure, for which robust ones would leave it out
+    chi_squares = [
+        (way.inverse() @ STEP).log() @ information @ (way.inverse() @ STEP).log()
+        for way, information in factors
+    ]
+    assert sum(chi_squares) < 12.5
+
+
+def test_covariance_too_uneven_to_be_divided_makes_one_factor():
+    lever = np.array([4e3, 0.0, 1.0])
+    uneven = keyframe(ToldStep(STEP, WHEELS), covariance=WHEELS + np.outer(lever, lever))
+    ((factor,),) = step_factors([uneven], 1e-6 * SPREAD)
+    assert factor[0] == STEP
+    # nor are two that are metres and a radian apart, along what the step leaves open
+    off = np.array([2.0, 1.0, 1.0])
+    bent = keyframe(ToldStep(STEP @ SE2.exp(off), WHEELS), covariance=WHEELS + np.outer(off, off))
+    assert len(next(step_factors([bent], SPREAD))) == 1
 
 
 def test_step_by_wheels_alone_or_by_scans_alone_is_one_factor():

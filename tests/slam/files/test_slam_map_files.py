@@ -174,6 +174,11 @@ def test_file_with_one_byte_changed_is_refused_or_read_as_it_was(slam_map, tmp_p
         ("point_counts", -1),
         ("poses", 1e300),
         ("keyframe_covariances", -1.0),
+        ("keyframe_told_covariances", -1.0),
+        (
+            "keyframe_covariances",
+            np.tile([[1.0, 0.1, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], (1, 1)),
+        ),
         ("loop_ends", 10**6),
         ("loop_ends", np.full((1, 2), 5)),
         ("loops_kept", np.array(-5)),
@@ -195,6 +200,21 @@ def test_file_whose_arrays_make_no_map_is_refused_by_name(slam_map, tmp_path, na
     with path.open("wb") as out:
         np.savez(out, **arrays)
     with pytest.raises(ValueError, match=r"map\.kitasap: "):
+        read_slam_map(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["keyframe_covariances", "keyframe_told_covariances", "loop_information"]
+)
+def test_file_of_uneven_matrices_is_refused_by_name(slam_map, tmp_path, name):
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, slam_map)
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays[name][-1, 0, 1] += 1e-4 * arrays[name][-1].max()
+    with path.open("wb") as out:
+        np.savez(out, **arrays)
+    with pytest.raises(ValueError, match=rf"map\.kitasap: .*{name} are not symmetric"):
         read_slam_map(path)
 
 
