@@ -86,6 +86,11 @@ class Guard:
         """The places carried along while the robot is lost."""
         return self._search.hypotheses.places
 
+    @property
+    def likely(self) -> SE2 | None:
+        """While it is searched for: see `LostSearch`."""
+        return self._search.likely
+
     def telling_turn_rad(self, beams: Beams) -> float:
         """The turn on the spot after which a scan would tell most; 0 where none is needed."""
         if not self.is_lost:

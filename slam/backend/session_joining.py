@@ -35,7 +35,8 @@ class JoiningConfig:
 
     least_loops: keyframes, least_way_m apart at least, that see the map where one and the same place
     of the session lets them, within near (m, rad). back: keyframes before the one at which a place
-    was found that are asked as well, at_a_time of them with each keyframe. patience: keyframes after
+    was found that are asked as well, at_a_time of them with each keyframe; tried: of one of which the search is not
+    sure. patience: keyframes after
     which a place that did not hold is given up. sigma: (m, rad) of a place that was found,
     start_sigma: of a start that was given. eager: keyframes looked for one by one, and burst: of as
     many later ones, where searching would cost too much. work: between two scans, in looks at one
@@ -51,6 +52,7 @@ class JoiningConfig:
     near: tuple[float, float] = (0.3, math.radians(5.0))
     back: int = 8
     at_a_time: int = 2
+    tried: int = 5
     patience: int = 12
     sigma: tuple[float, float] = (0.15, 0.05)
     start_sigma: tuple[float, float] = (0.5, 0.2)
@@ -169,7 +171,7 @@ class SessionJoiner:
         if self._place is None:
             self._place = yield from self._searched(index)
             if self._place is None:
-                return None
+                return (yield from self._tried(index))
             self._backlog = list(range(max(self._first, index - config.back), index))
             asked = [index]
         else:  # a few at a time, the newest first: the next scan does not wait
@@ -185,6 +187,23 @@ class SessionJoiner:
         self._tries += 1
         if join is None and not self._is_start_known and self._tries >= config.patience:
             self._give_up()
+        return join
+
+    def _tried(self, index: int) -> Steps[Join | None]:
+        """The join at a place that the search is not sure of, since little of what the scans see is mapped: at once, or
+        not at all."""
+        likely = None if self._known is None else self._guard.likely
+        if likely is None:
+            return None
+        place = likely @ SE2.from_array(self._poses[index]).inverse()
+        asked = list(range(max(self._first, index - self.config.tried + 1), index + 1))
+        yield _LOOPS * len(asked)
+        moved = _moved(self._poses, self._first, place)
+        self._loops = self._closer.found(
+            self._keyframes, moved, asked, self.config.sigma, range(self._first), self._loose_m
+        )
+        join = self._agreed(self._poses)
+        self._loops = []
         return join
 
     def _searched(self, index: int) -> Steps[SE2 | None]:

@@ -14,6 +14,7 @@ from slam.guard.verdict_limits import VerdictLimits
 from slam.in_steps import Steps
 from slam.relocalization import Hypothesis, Relocalizer
 from slam.scan_match import MatchStatus, ScanMatch
+from slam.se2 import SE2
 from slam.verdict import Judgement, Status, Verdict
 
 
@@ -42,6 +43,14 @@ class LostSearch:
             # one place is left: other views of it may be missing
             return 0.0 if search.is_enough(self._usual.limits(beams)) else step_rad
         return most_telling_turn(self._relocalizer, search.rivals, beams, step_rad)
+
+    @property
+    def likely(self) -> SE2 | None:
+        """The place that is by far the best one through views enough, however little of them it explains; None
+        where there is none: on a part of a map, where the rest is not mapped, no place explains more."""
+        search = self.hypotheses
+        is_best = search.margin >= search.margin_needed and search.streak >= search.config.min_views
+        return search.places[0].T_map_base if search.places and is_best else None
 
     def begin(self, time_s: float) -> float:
         """When the search began: at this scan, if at none before."""

@@ -14,6 +14,8 @@ from slam.backend.session_joining import JoiningConfig
 from slam.evidence import evidence_of
 from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.guard import verdict_limits
+from slam.guard.hypotheses import Hypotheses
+from slam.guard.lost_search import LostSearch
 from slam.guard.verdict_limits import _VIRTUAL_SCAN, VerdictLimits, virtual_scan
 from slam.loop_closing import LoopCloser
 from slam.mapper_config import MapperConfig
@@ -21,6 +23,7 @@ from slam.mapping import Mapper, MapperStep
 from slam.metrics import absolute_errors
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
+from slam.verdict import Status
 from tests.slam import ring
 from tests.slam.synthetic import box, room
 
@@ -114,6 +117,30 @@ def test_session_in_another_building_is_never_joined_and_said_to_be_so(first):
     assert np.quantile(off_m, 0.99) < 0.05
     with pytest.raises(ValueError, match="session 2 of the map was never joined"):
         Mapper.continued(slam_map, ring.T_BASE_LASER)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_best", [True, False])
+def test_session_is_joined_where_it_likely_is_though_little_of_it_is_mapped(
+    first, monkeypatch, is_best
+):
+    """aces, its second half on its first: by a hair no scan was explained by enough of the map, and it was never
+    joined; loops tell that it lies where the search has it. Not where another place is as likely."""
+    look = LostSearch.look_in_steps
+
+    def unsure(self, *args, **kwargs):
+        judged = yield from look(self, *args, **kwargs)
+        verdict = replace(judged.verdict, status=Status.UNSURE, reasons=("explains too little",))
+        return replace(judged, verdict=verdict)
+
+    monkeypatch.setattr(LostSearch, "look_in_steps", unsure)
+    if not is_best:
+        monkeypatch.setattr(Hypotheses, "margin", 0.0)
+    slam_map, steps = continued(first, ring.drive(SECOND, np.random.default_rng(1)))
+    assert any(step.is_joined for step in steps) == is_best
+    if is_best:
+        true = np.array([pose.as_array() for pose in (*FIRST, *SECOND)])
+        assert absolute_errors(slam_map.trajectory.poses, true).position_m.max < 0.15
 
 
 @pytest.mark.slow
