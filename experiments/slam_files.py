@@ -69,7 +69,7 @@ class OnlinePoses:
             self._passes += 1
             self._file.write(TUM_HEADER + "\n")
         pose = Trajectory(np.array([step.time_s]), step.T_map_base.as_array()[np.newaxis])
-        self._file.write(tum_lines(pose)[0] + "\n")
+        self._file.write(next(tum_lines(pose)) + "\n")
         self._file.flush()
 
     def keep(self, used_pass: int, unfinished: Path) -> None:

@@ -75,18 +75,18 @@ def write_tum(path: str | Path, trajectory: Trajectory) -> None:
 
     Raises OSError when the folder cannot be written.
     """
-    lines = [TUM_HEADER, *tum_lines(trajectory)]
-    write_whole(Path(path), ("\n".join(lines) + "\n").encode("utf-8"))
+    content = bytearray(f"{TUM_HEADER}\n", "utf-8")
+    for line in tum_lines(trajectory):  # one at a time: of a long log all of them are much
+        content += f"{line}\n".encode()
+    write_whole(Path(path), content)
 
 
-def tum_lines(trajectory: Trajectory) -> list[str]:
+def tum_lines(trajectory: Trajectory) -> Iterator[str]:
     """The lines of a TUM file, without a header."""
-    lines = []
     for time_s, (x, y, theta) in zip(trajectory.times_s, trajectory.poses, strict=True):
         quaternion_z, quaternion_w = math.sin(theta / 2.0), math.cos(theta / 2.0)
         values = (time_s, x, y, 0.0, 0.0, 0.0, quaternion_z, quaternion_w)
-        lines.append(" ".join(f"{value:.9f}" for value in values))
-    return lines
+        yield " ".join(f"{value:.9f}" for value in values)
 
 
 def read_tum(path: str | Path) -> Trajectory:

@@ -10,7 +10,7 @@ from typing import BinaryIO
 _PART_BYTES = 1 << 20
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_whole(path: Path, content: bytes | bytearray) -> None:
     """Writes a file so that at any moment there is the old one or the new one, whole.
 
     Raises OSError when the folder cannot be written; nothing is left behind then.
