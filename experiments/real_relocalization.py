@@ -23,10 +23,10 @@ from experiments.protocols import PROTOCOLS
 from experiments.real_logs import RealLogConfig, referenced
 from experiments.reference_files import read_reference
 from experiments.trial_log import write_atomically
+from slam.guard.guard_config import GuardConfig
 from slam.guard.hypotheses_config import HypothesesConfig
 from slam.known_map import KnownMap
 from slam.localization import Estimate, Localizer
-from slam.lost import GuardConfig
 from slam.measurements import Measurement
 from slam.readers.carmen import read_carmen
 from slam.se2 import SE2, wrap_angle

@@ -22,6 +22,7 @@ from slam.calibration import Calibration, CalibrationConfig, calibrate
 from slam.files.map_files import read_map, write_map
 from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.frontend.keyframes import StepStatus
+from slam.guard.guard_config import GuardConfig
 from slam.icp import CoarseToFineConfig, IcpConfig, StopRule, match_scan, match_scan_coarse_to_fine
 from slam.icp_mapping import IcpMap, IcpMapper
 from slam.known_map import KnownMap
@@ -29,7 +30,7 @@ from slam.laser_model import LaserModel
 from slam.lines import LineMap, match_lines
 from slam.localization import Estimate, Localizer, LocalizerConfig
 from slam.loop_closing import Loop
-from slam.lost import Guard, GuardConfig
+from slam.lost import Guard
 from slam.map_checks.map_consistency import MapVerdict
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep

@@ -10,11 +10,12 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.beams import Beams
+from slam.guard.guard_config import GuardConfig
 from slam.icp import CoarseToFineConfig
 from slam.laser_model import LaserModel
 from slam.likelihood_grid import SearchConfig, layout
 from slam.localization import Localizer, LocalizerConfig
-from slam.lost import Guard, GuardConfig
+from slam.lost import Guard
 from slam.matchers import FastMatcher, LimitMatcher, Matcher, Open3dMatcher
 from slam.occupancy_grid import OccupancyGrid
 from slam.point_map import PointMap

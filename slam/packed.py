@@ -14,7 +14,23 @@ _ROWS = 1024
 """Of a block. Chosen: little of the last one is empty, and no row is ever moved, which leaves holes behind."""
 
 
-class PackedRows(Sequence[_Kept], Generic[_Kept]):
+class _Made(Sequence[_Kept], Generic[_Kept]):
+    """Things that are made when they are asked for; those of a slice as they are then."""
+
+    @abstractmethod
+    def _one(self, at: int) -> _Kept:
+        """One of them, counted from 0."""
+
+    @overload
+    def __getitem__(self, at: int) -> _Kept: ...
+    @overload
+    def __getitem__(self, at: slice) -> Sequence[_Kept]: ...
+    def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
+        rows = range(len(self))[at]
+        return Seen(self, rows, _itself) if isinstance(rows, range) else self._one(rows)
+
+
+class PackedRows(_Made[_Kept]):
     """A list of things that are made anew, of the numbers of what was put in, whenever one is asked for.
 
     A class of these says what a row is made of, and how a thing is made of it. `copy.copy` of one is another list.
@@ -67,15 +83,8 @@ class PackedRows(Sequence[_Kept], Generic[_Kept]):
     def __len__(self) -> int:
         return self._count
 
-    @overload
-    def __getitem__(self, at: int) -> _Kept: ...
-    @overload
-    def __getitem__(self, at: slice) -> Sequence[_Kept]: ...
-    def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
-        """One of them; of a slice, these, as they are whenever they are asked for."""
-        if isinstance(at, slice):
-            return Seen(self, range(*at.indices(self._count)), _itself)
-        block, row = divmod(range(self._count)[at], _ROWS)
+    def _one(self, at: int) -> _Kept:
+        block, row = divmod(at, _ROWS)
         return self.unpacked(self._blocks[block].item(row))
 
     def __setitem__(self, at: int, thing: _Kept) -> None:
@@ -96,7 +105,7 @@ class PackedRows(Sequence[_Kept], Generic[_Kept]):
         return other
 
 
-class Seen(Sequence[_Kept], Generic[_Kept]):
+class Seen(_Made[_Kept]):
     """What something makes of some of a sequence, one at a time: nothing of it is kept."""
 
     def __init__(self, of: Sequence[_From], rows: range, made: Callable[[_From], _Kept]) -> None:
@@ -106,13 +115,7 @@ class Seen(Sequence[_Kept], Generic[_Kept]):
     def __len__(self) -> int:
         return len(self._rows)
 
-    @overload
-    def __getitem__(self, at: int) -> _Kept: ...
-    @overload
-    def __getitem__(self, at: slice) -> Sequence[_Kept]: ...
-    def __getitem__(self, at: int | slice) -> _Kept | Sequence[_Kept]:
-        if isinstance(at, slice):
-            return Seen(self._of, self._rows[at], self._made)
+    def _one(self, at: int) -> _Kept:
         return self._made(self._of[self._rows[at]])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.frontend.keyframes import Keyframe
+from slam.kernels import pose_graph as kernels
 from slam.se2 import SE2
 
 _DENIED, _APART = 4.0, 5.0
@@ -20,7 +21,6 @@ _SOUND = 1e-9
 """Least eigenvalue of a covariance, as a share of the largest: another is too uneven to be computed with. Chosen."""
 _LEAST_SHARE = 1e-6
 """Of the information of a step; chosen: less tells nothing, and would be computed of rounding alone."""
-_SMALL_ANGLE_RAD = 1e-3
 _Factor = tuple[SE2, FloatArray]
 """A way, and the information of it."""
 
@@ -87,15 +87,10 @@ def _by_wheels_and_scans(
 
 
 def _slopes(residuals: FloatArray) -> FloatArray:
-    """(S, 3, 3) of an edge's residuals (S, 3), by the twist of its end: the inverse of the right Jacobian of exp there,
-    1 + ad / 2 + k ad^2."""
-    x, y, theta = residuals.T
-    ad = np.zeros((len(residuals), 3, 3))
-    ad[:, 0, 1], ad[:, 1, 0], ad[:, 0, 2], ad[:, 1, 2] = -theta, theta, y, -x
-    is_small = np.abs(theta) < _SMALL_ANGLE_RAD
-    safe = np.where(is_small, 1.0, theta)
-    k = np.where(is_small, 1.0 / 12.0, (1.0 - 0.5 * safe / np.tan(0.5 * safe)) / safe**2)
-    slopes: FloatArray = np.eye(3) + 0.5 * ad + k[:, None, None] * ad @ ad
+    """(S, 3, 3) of an edge's residuals (S, 3), by the twist of its end."""
+    slopes, way, of_start = np.empty((len(residuals), 3, 3)), np.zeros(3), np.empty((3, 3))
+    for residual, of_end in zip(residuals, slopes, strict=True):
+        kernels.slopes(way, residual, of_start, of_end)
     return slopes
 
 

@@ -114,6 +114,7 @@ RANKS = (
         "relocalization",
         "hypotheses",
         "hypotheses_config",
+        "guard_config",
         "telling_turn",
         "verdict_limits",
         "verdict",

@@ -10,7 +10,7 @@ from kitasap_sim.laser import LaserSpec
 from kitasap_sim.robot import KITASAP2
 
 _TURN_RAD = math.radians(40.0)
-"""Where the belief names no turn: as the steps of `slam.lost.GuardConfig`."""
+"""Where the belief names no turn: as the steps of `slam.guard.guard_config.GuardConfig`."""
 _THERE_RAD = 0.15
 """Chosen: so near a turn's end the next one begins; the robot need not stop in between."""
 _GAIN_PER_S = 4.0

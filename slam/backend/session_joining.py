@@ -169,50 +169,42 @@ class SessionJoiner:
         """What one keyframe adds, a piece at a time."""
         config = self.config
         if self._place is None:
-            self._place = yield from self._searched(index)
-            if self._place is None:
-                return (yield from self._tried(index))
+            place, is_sure = yield from self._searched(index)
+            if place is None:
+                return None
+            if not is_sure:  # loops say so at once, or not at all
+                asked = list(range(max(self._first, index - config.tried + 1), index + 1))
+                return self._agreed((yield from self._loops_at(place, asked)))
+            self._place = place
             self._backlog = list(range(max(self._first, index - config.back), index))
             asked = [index]
         else:  # a few at a time, the newest first: the next scan does not wait
             asked = [*self._backlog[-config.at_a_time :], index]
             del self._backlog[-config.at_a_time :]
-        yield _LOOPS * len(asked)
-        moved = _moved(self._poses, self._first, self._place)
-        sigma = config.start_sigma if self._is_start_known else config.sigma
-        self._loops += self._closer.found(
-            self._keyframes, moved, asked, sigma, range(self._first), self._loose_m
-        )
-        join = self._agreed(self._poses)
+        self._loops += yield from self._loops_at(self._place, asked)
+        join = self._agreed(self._loops)
         self._tries += 1
         if join is None and not self._is_start_known and self._tries >= config.patience:
             self._give_up()
         return join
 
-    def _tried(self, index: int) -> Steps[Join | None]:
-        """The join at a place that the search is not sure of, since little of what the scans see is mapped: at once, or
-        not at all."""
-        likely = None if self._known is None else self._guard.likely
-        if likely is None:
-            return None
-        place = likely @ SE2.from_array(self._poses[index]).inverse()
-        asked = list(range(max(self._first, index - self.config.tried + 1), index + 1))
+    def _loops_at(self, place: SE2, asked: list[int]) -> Steps[list[Loop]]:
+        """The loops of some keyframes with the map, if the session lies at a place."""
         yield _LOOPS * len(asked)
         moved = _moved(self._poses, self._first, place)
-        self._loops = self._closer.found(
-            self._keyframes, moved, asked, self.config.sigma, range(self._first), self._loose_m
+        sigma = self.config.start_sigma if self._is_start_known else self.config.sigma
+        return self._closer.found(
+            self._keyframes, moved, asked, sigma, range(self._first), self._loose_m
         )
-        join = self._agreed(self._poses)
-        self._loops = []
-        return join
 
-    def _searched(self, index: int) -> Steps[SE2 | None]:
-        """Where the session seems to lie by a search of the whole map; None while it is unsure."""
+    def _searched(self, index: int) -> Steps[tuple[SE2 | None, bool]]:
+        """Where the session seems to lie by a search of the whole map, and whether that is sure: little of what the
+        scans see may be mapped. None where no place is likely, or none was looked for."""
         config, count = self.config, self._looks
         self._looks += 1
         assert self._known is not None
         if count >= config.eager and count % config.eager >= config.burst:
-            return None
+            return None, False
         if count >= config.eager and count % config.eager == 0:
             self._give_up()
         keyframe = self._keyframes[index]
@@ -222,20 +214,22 @@ class SessionJoiner:
         beams = keyframe.beams.cut(self._known.laser.range_max_m)
         look = Look(keyframe.time_s, beams, self._known.matcher("fast"))
         judged = yield from self._guard.search_in_steps(look, moved, np.zeros((3, 3)))
-        if judged.verdict.status is not Status.TRACKING or judged.match is None:
-            return None
-        return judged.match.T_map_base @ SE2.from_array(self._poses[index]).inverse()
+        is_sure = judged.verdict.status is Status.TRACKING and judged.match is not None
+        T_map_base = judged.match.T_map_base if is_sure and judged.match else self._guard.likely
+        if T_map_base is None:
+            return None, False
+        return T_map_base @ SE2.from_array(self._poses[index]).inverse(), is_sure
 
-    def _agreed(self, poses: FloatArray) -> Join | None:
+    def _agreed(self, loops: Sequence[Loop]) -> Join | None:
         """The place that enough loops agree on, if there is one."""
-        config, best = self.config, list[Loop]()
+        config, poses, best = self.config, self._poses, list[Loop]()
         place = SE2.identity()
-        ends = [SE2.from_array(poses[loop.earlier]) @ loop.T_earlier_later for loop in self._loops]
-        for end, loop in zip(ends, self._loops, strict=True):
+        ends = [SE2.from_array(poses[loop.earlier]) @ loop.T_earlier_later for loop in loops]
+        for end, loop in zip(ends, loops, strict=True):
             candidate = end @ SE2.from_array(poses[loop.later]).inverse()
             agreeing = [
                 other
-                for there, other in zip(ends, self._loops, strict=True)
+                for there, other in zip(ends, loops, strict=True)
                 if there.is_near(candidate @ SE2.from_array(poses[other.later]), *config.near)
             ]
             if len(agreeing) > len(best):

@@ -16,7 +16,7 @@ from slam.arrays import FloatArray
 from slam.beams import Beams
 from slam.files.slam_map_checks import MAY_BE_INFINITE, check_arrays
 from slam.files.whole_files import read_at_most, write_whole
-from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe, StepStatus
+from slam.frontend.keyframes import STATUSES, FrontEndStep, FrontEndSteps, Keyframe
 from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.map_checks.map_consistency import MapVerdict
@@ -31,7 +31,6 @@ nobody kept what the wheels alone had told."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""
-_STATUSES = tuple(StepStatus)
 _GLANCES = (
     "glance_ways",
     "glance_origins_m",
@@ -114,7 +113,7 @@ def read_slam_map(path: str | Path) -> SlamMap:
         told = [ToldStep.unknown()] * len(arrays["keyframe_times_s"])
         arrays |= _arrays_of_told(told)
     try:
-        check_arrays(arrays, len(_STATUSES))
+        check_arrays(arrays, len(STATUSES))
         for name in MAY_BE_INFINITE:  # one nan is as good as another, but some raise when converted
             arrays[name] = np.where(np.isnan(arrays[name]), np.nan, arrays[name])
         return _map_of(arrays)
@@ -216,7 +215,7 @@ def _map_of(arrays: _Arrays) -> SlamMap:
     steps = FrontEndSteps(
         FrontEndStep(
             float(time_s), int(keyframe), SE2.from_array(way), SE2.from_array(pose),
-            _STATUSES[int(status)], float(inliers), bool(is_keyframe), int(session),
+            STATUSES[int(status)], float(inliers), bool(is_keyframe), int(session),
             bool(is_open),
         )
         for time_s, keyframe, way, pose, status, inliers, is_keyframe, session, is_open in zip(

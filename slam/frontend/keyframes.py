@@ -112,7 +112,8 @@ class FrontEndStep:
         return SE2.from_array(poses[self.keyframe]) @ self.T_keyframe_base
 
 
-_STATUSES = tuple(StepStatus)
+STATUSES = tuple(StepStatus)
+"""By the numbers that are kept of them."""
 
 
 class FrontEndSteps(PackedRows[FrontEndStep]):
@@ -133,7 +134,7 @@ class FrontEndSteps(PackedRows[FrontEndStep]):
         here, there = thing.T_keyframe_base, thing.T_map_base
         return (
             thing.time_s, thing.keyframe, here.x, here.y, here.theta, there.x, there.y, there.theta,
-            _STATUSES.index(thing.status), thing.inlier_ratio, thing.is_keyframe, thing.session,
+            STATUSES.index(thing.status), thing.inlier_ratio, thing.is_keyframe, thing.session,
             thing.is_open, thing.passed_ratio, thing.is_tied,
         )  # fmt: skip
 
@@ -146,7 +147,7 @@ class FrontEndSteps(PackedRows[FrontEndStep]):
             keyframe,
             SE2(x, y, theta),
             SE2(map_x, map_y, map_theta),
-            _STATUSES[status],
+            STATUSES[status],
             *rest,
         )
 

@@ -24,6 +24,11 @@ _UNKNOWN = np.diag(np.square([1000.0, 1000.0, 10.0]))
 """[m, m, rad] of a way that nobody measured. chosen: wider than any building."""
 
 
+def longer(motion: SE2, scale: float) -> SE2:
+    """A motion to a place so many times as far, turned as before."""
+    return SE2(scale * motion.x, scale * motion.y, motion.theta)
+
+
 @record
 class ToldStep:
     """How far the wheels went since the last keyframe, or scan, and the covariance (3, 3) of that."""
@@ -55,8 +60,7 @@ class ToldStep:
 
     def longer(self, scale: float) -> ToldStep:
         """With places so many times as far, as by wheels so many times as large."""
-        way = self.motion
-        return ToldStep(SE2(scale * way.x, scale * way.y, way.theta), self.covariance)
+        return ToldStep(longer(self.motion, scale), self.covariance)
 
     @property
     def is_guess(self) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.frontend.told_steps import ToldStep
+from slam.frontend.told_steps import ToldStep, longer
 from slam.kernels import wheel_scale as kernels
 from slam.kernels.normal_equations import LEAST_PIVOT
 from slam.records import record
@@ -99,7 +99,7 @@ class WheelScale:
 
     def scaled(self, motion: SE2) -> SE2:
         """A motion of the wheels, as far as it went by what is known."""
-        return SE2(self.scale * motion.x, self.scale * motion.y, motion.theta)
+        return longer(motion, self.scale)
 
     def scaled_step(self, told: ToldStep) -> ToldStep:
         """What wheels told, the same way."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from slam import relocalization
-from slam.backend.session_joining import JoiningConfig
+from slam.backend.session_joining import JoiningConfig, SessionJoiner
 from slam.evidence import evidence_of
 from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.guard import verdict_limits
@@ -18,6 +18,7 @@ from slam.guard.hypotheses import Hypotheses
 from slam.guard.lost_search import LostSearch
 from slam.guard.verdict_limits import _VIRTUAL_SCAN, VerdictLimits, virtual_scan
 from slam.loop_closing import LoopCloser
+from slam.lost import Guard
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper, MapperStep
 from slam.metrics import absolute_errors
@@ -141,6 +142,34 @@ def test_session_is_joined_where_it_likely_is_though_little_of_it_is_mapped(
     if is_best:
         true = np.array([pose.as_array() for pose in (*FIRST, *SECOND)])
         assert absolute_errors(slam_map.trajectory.poses, true).position_m.max < 0.15
+
+
+@pytest.mark.slow
+def test_place_is_tried_at_keyframes_alone_of_which_it_was_searched(first, monkeypatch):
+    """Where it was not searched for, the place that is likely is that of a robot some way back."""
+    monkeypatch.setattr(LostSearch, "likely", SE2(3.0, 0.0, 0.0))
+    search, asked = Guard.search_in_steps, []
+
+    def unsure(self, look, *args):
+        asked.append("searched")
+        judged = yield from search(self, look, *args)
+        return replace(judged, verdict=replace(judged.verdict, status=Status.UNSURE))
+
+    def tried(self, *_):
+        asked.append("tried")
+        return []
+        yield
+
+    joining = JoiningConfig(eager=4, burst=2)
+    mapper = Mapper.continued(first, ring.T_BASE_LASER, config=MapperConfig(joining=joining))
+    monkeypatch.setattr(Guard, "search_in_steps", unsure)
+    monkeypatch.setattr(SessionJoiner, "_loops_at", tried)
+    for measurement in ring.drive(SECOND[:20], np.random.default_rng(1)):
+        mapper.update(measurement)
+    mapper._drive.session.look_for_join(math.inf)
+    count = asked.count("searched")
+    assert 4 < count < len(mapper._drive.front_end.keyframes)
+    assert asked == ["searched", "tried"] * count
 
 
 @pytest.mark.slow
