@@ -57,3 +57,33 @@ def seen_before(
             away_m[count] = off_m + 0.5 * abs(wrapped(poses[k, 2] - poses[later, 2]))
             count += 1
     return count
+
+
+@compiled
+def pairs_near(
+    poses: FloatArray,
+    asked: IntArray,
+    pieces: IntArray,
+    is_within: bool,
+    radius_m: float,
+    apart: int,
+    every: int,
+    found: IntArray,
+) -> int:
+    """Into found (F, 2): every so many-th of the pairs of asked (A,) keyframes, increasing, that lie within a radius
+    and have more than so many numbers between them, both of one of pieces (A,), or of two, in the order of the first
+    and then of the second; how many pairs there are, whether they found room or not."""
+    count = 0
+    for a in range(asked.shape[0]):
+        one = asked[a]
+        for b in range(a + 1, asked.shape[0]):
+            other = asked[b]
+            if other - one <= apart or (pieces[a] == pieces[b]) != is_within:
+                continue
+            east, north = poses[other, 0] - poses[one, 0], poses[other, 1] - poses[one, 1]
+            if east * east + north * north > radius_m * radius_m:
+                continue
+            if count % every == 0 and count // every < found.shape[0]:
+                found[count // every, 0], found[count // every, 1] = one, other
+            count += 1
+    return count

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from slam.arrays import FloatArray, IntArray
+from slam.arrays import BoolArray, FloatArray, IntArray
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.witnesses import Witnesses
+from slam.kernels.near_keyframes import pairs_near
 from slam.loop_closing import Loop, without_ties
 from slam.map_checks.driven_through import driven_through
 from slam.map_checks.pieces import Pieces
@@ -91,10 +91,10 @@ def judged(
 ) -> MapVerdict:
     """The verdict on a map of keyframes at poses (K, 3), with the loops that were kept and not."""
     config = config or ConsistencyConfig()
-    near, witnesses = _near(poses, config), _witnesses(keyframes, poses, config)
-    said = _contradicted(witnesses, near, config)
+    near = _NearScans(keyframes, poses, config)
+    said = _contradicted(near.witnesses, near.pairs(config.most_pairs), config)
     reasons = [*_torn(keyframes, loops, poses), *_drove_through(keyframes, poses, config)]
-    reasons += _misplaced(keyframes, witnesses, near, config)
+    reasons += _misplaced(keyframes, near, config)
     if said.passed_ratio > config.most_passed:
         reasons.append(
             f"{100 * said.passed_ratio:.0f} % of what scans saw is where others saw nothing"
@@ -160,10 +160,10 @@ def do_contradict(
 ) -> bool:
     """Whether keyframes from the first of a session on cannot be where they are, by those before; all bad pairs
     count, whether others bear them out or not."""
-    near = _near(poses, config)
-    near = near[(near[:, 0] < first) & (near[:, 1] >= first)]
-    witnesses = _witnesses(keyframes, poses, config)
-    said = _contradicted(witnesses, near, config)
+    near = _NearScans(keyframes, poses, config)
+    sides = np.arange(len(keyframes)) >= first
+    pairs = near.pairs(config.most_pairs, sides, is_within=False)
+    said = _contradicted(near.witnesses, pairs, config)
     return said.passed_ratio > config.most_passed or said.bad_pairs > config.most_bad_pairs
 
 
@@ -201,23 +201,24 @@ def _torn(keyframes: Sequence[Keyframe], loops: Sequence[Loop], poses: FloatArra
 
 
 def _misplaced(
-    keyframes: Sequence[Keyframe], witnesses: Witnesses, near: IntArray, config: ConsistencyConfig
+    keyframes: Sequence[Keyframe], near: _NearScans, config: ConsistencyConfig
 ) -> list[str]:
     """Where the scans broke off, and those after are at odds with those before, more than others."""
-    one, other = near.min(axis=1), near.max(axis=1)
+    numbers = np.arange(len(keyframes))
     breaks = [
         k
         for k in range(1, len(keyframes))
         if keyframes[k].is_break and keyframes[k].session == keyframes[k - 1].session
     ]
-    across = [(one < k) & (other >= k) for k in breaks]
-    if not across:
+    if not breaks:
         return []
-    usual = _contradicted(witnesses, near[~np.any(across, axis=0)], config).passed_ratio
-    few = replace(config, most_pairs=config.most_across)
+    pieces = np.searchsorted(breaks, numbers, side="right")
+    within = near.pairs(config.most_pairs, pieces)
+    usual = _contradicted(near.witnesses, within, config).passed_ratio
     reasons = []
-    for k, is_across in zip(breaks, across, strict=True):
-        passed_ratio = _contradicted(witnesses, near[is_across], few).passed_ratio
+    for k in breaks:
+        across = near.pairs(config.most_across, numbers >= k, is_within=False)
+        passed_ratio = _contradicted(near.witnesses, across, config).passed_ratio
         if passed_ratio > 2.0 * usual + config.more_passed:
             reasons.append(
                 f"the scans broke off at {keyframes[k].time_s:.2f} s, and {100 * passed_ratio:.1f} %"
@@ -245,19 +246,36 @@ def _drove_through(
     ]
 
 
-def _near(poses: FloatArray, config: ConsistencyConfig) -> IntArray:
-    """(P, 2) keyframes, at poses (K, 3), that should agree with one another."""
-    if len(poses) < 2:
-        return np.empty((0, 2), dtype=np.int64)
-    found = cKDTree(poses[:, :2]).query_pairs(config.radius_m, output_type="ndarray")
-    result: IntArray = found[np.abs(found[:, 1] - found[:, 0]) > config.apart]
-    return result
+class _NearScans:
+    """Scans of a map that should agree with one another, two and two: those of which more than the place is
+    kept, so that there are as many as there is to see, however long the drive was."""
 
+    def __init__(
+        self, keyframes: Sequence[Keyframe], poses: FloatArray, config: ConsistencyConfig
+    ) -> None:
+        """poses: (K, 3) of the keyframes."""
+        self.witnesses = Witnesses(keyframes, poses, config.margins, config.aside_m)
+        self._asked = np.flatnonzero([not one.is_place_alone for one in keyframes])
+        self._poses, self._near = np.ascontiguousarray(poses), (config.radius_m, config.apart)
 
-def _witnesses(
-    keyframes: Sequence[Keyframe], poses: FloatArray, config: ConsistencyConfig
-) -> Witnesses:
-    return Witnesses(keyframes, poses, config.margins, config.aside_m)
+    def pairs(
+        self, most: int, pieces: IntArray | BoolArray | None = None, *, is_within: bool = True
+    ) -> IntArray:
+        """(P, 2) so many of the pairs at most, evenly among all, in the order of their numbers; is_within: both of one
+        of pieces (K,), else of two."""
+        of_asked = np.zeros(len(self._asked), np.int64)
+        if pieces is not None:
+            of_asked[:] = pieces[self._asked]
+
+        def every(step: int, found: IntArray) -> int:
+            scans = self._poses, self._asked, of_asked
+            return int(pairs_near(*scans, is_within, *self._near, step, found))
+
+        count = every(1, np.empty((0, 2), np.int64))
+        step = max(1, math.ceil(count / most))
+        found = np.empty((math.ceil(count / step), 2), np.int64)
+        every(step, found)
+        return found
 
 
 class _Contradictions(NamedTuple):
@@ -274,10 +292,8 @@ def _contradicted(
     witnesses: Witnesses, pairs: IntArray, config: ConsistencyConfig
 ) -> _Contradictions:
     """What pairs (P, 2) of keyframes say."""
-    found = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
-    found = found[:: max(1, math.ceil(len(found) / config.most_pairs))]
     seen_all = passed_all = bad = borne_out = asked = 0
-    for one, other in found.tolist():
+    for one, other in pairs.tolist():
         seen, through = witnesses.passed(one, other)
         if seen < _FEW:
             continue
