@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -96,27 +96,19 @@ class SurfaceCells:
             [np.zeros((0, 5)), *(_weighed(scan, config) for scan in scans)], dtype=np.float64
         )
         origin_m = points[:, :2].mean(axis=0) if len(points) else np.zeros(2)
-        low = np.floor(points[:, 2] * (SIDES / (2.0 * np.pi))).astype(np.int64)
-        cells = np.floor((points[:, :2] - origin_m) / config.cell_m).astype(np.int64)
-        at = np.concatenate(
-            [np.column_stack([cells, (low + up) % SIDES]) for up in range(2)]
-        ).astype(np.int64)
-        keys, first, where = np.unique(_keys(at), return_index=True, return_inverse=True)
         x, y = (points[:, :2] - origin_m).T
-        terms = (
-            np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y, points[:, 3:]])
-            * points[:, 3:4]
-        )
-        terms = np.concatenate([terms, terms])
-        sums = np.column_stack([np.bincount(where, term, len(keys)) for term in terms.T])
-        columns: FloatArray = np.asarray(sums.reshape(-1, 8), dtype=np.float64)
-        return SurfaceCells(keys, at[first], columns, origin_m)
+        in_cells = _in_cells(x, y, points[:, 2], config.cell_m)
+        keys = np.unique(in_cells)
+        where = np.searchsorted(keys, in_cells)
+        # one after the other: all at once, for both sides, they are three times as much as the points
+        terms = _terms(x, y, points[:, 3], points[:, 4])
+        sums = [np.bincount(where, np.tile(term, 2), len(keys)) for term in terms]
+        columns: FloatArray = np.column_stack(sums)
+        return SurfaceCells(keys, _at(keys), columns, origin_m)
 
     def _beside(self, steps: IntArray) -> IntArray:
         """(C,) the number of the cell that lies steps (C, 3) or (3,) away, -1 where there is none."""
-        at = self.at + steps
-        at[:, 2] %= SIDES
-        wanted = _keys(at)
+        wanted = _keys(self.at + steps)
         found = np.minimum(np.searchsorted(self.keys, wanted), len(self.keys) - 1)
         return np.where(self.keys[found] == wanted, found, -1)
 
@@ -188,9 +180,50 @@ class SurfaceCells:
         return twice
 
 
+_MIDDLE = 2**24
+"""Of columns and rows: so many lie to either side."""
+
+
 def _keys(at: IntArray) -> IntArray:
-    """(C,) one number for each column, row and side (C, 3)."""
-    return np.asarray(((at[:, 0] + 2**24) * 2**26 + at[:, 1] + 2**24) * SIDES + at[:, 2])
+    """(C,) one number for each column, row and side (C, 3), the sides counted all around."""
+    return np.asarray(_cell_keys(at[:, 0], at[:, 1]) + at[:, 2] % SIDES)
+
+
+def _cell_keys(column: IntArray, row: IntArray) -> IntArray:
+    """(C,) of the first side of each cell (C,), (C,); the others follow."""
+    return ((column + _MIDDLE) * 4 * _MIDDLE + row + _MIDDLE) * SIDES
+
+
+def _at(keys: IntArray) -> IntArray:
+    """(C, 3) column, row and side of such numbers (C,)."""
+    cells, side = np.divmod(keys, SIDES)
+    column, row = np.divmod(cells, 4 * _MIDDLE)
+    return np.column_stack([column - _MIDDLE, row - _MIDDLE, side])
+
+
+def _in_cells(x: FloatArray, y: FloatArray, facing_rad: FloatArray, side_m: float) -> IntArray:
+    """(2P,) numbers of the cells that points (P,) lie in: for one, and then for the other, of the two sides
+    nearest to where their surfaces face."""
+    column, row, side = (
+        np.floor(place).astype(np.int64)
+        for place in (x / side_m, y / side_m, facing_rad * (SIDES / (2.0 * np.pi)))
+    )
+    cells = _cell_keys(column, row)
+    return np.concatenate([cells + side % SIDES, cells + (side + 1) % SIDES])
+
+
+def _terms(
+    x: FloatArray, y: FloatArray, weights: FloatArray, of_scans: FloatArray
+) -> Iterator[FloatArray]:
+    """What is summed up of points, (P,) each: see `SurfaceCells`."""
+    yield weights
+    yield x * weights
+    yield y * weights
+    yield x * x * weights
+    yield x * y * weights
+    yield y * y * weights
+    yield weights * weights
+    yield of_scans * weights
 
 
 def _cut(
