@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.memory import resident_mb
+from experiments.memory import MemoryGrowth
 from experiments.observer import NO_ONE, LogObserver
 from experiments.slam_result import SlamLog
 from experiments.slam_wheels import calibrated_log, map_spread_m, wheels_summary
@@ -171,7 +171,7 @@ def _driven(
     """The log through the mapper, record by record; its warm-up is not known here."""
     observer.begins(log)
     joined_at, index, slowest_s, watched_s = None, 0, 0.0, 0.0
-    started_s, before_mb = time.thread_time(), resident_mb()
+    started_s, growth = time.thread_time(), MemoryGrowth()
     motion = MotionSinceScan(log.noise)
     times, told, scan_rows = array("d"), array("d"), array("q")
     for row, record in enumerate(log.records_in_time()):
@@ -195,14 +195,10 @@ def _driven(
             on_scan(index, log.scan_count, step)
         index += 1
     online_s = time.thread_time() - started_s - watched_s
-    after_mb = resident_mb()
-    memory_mb = None
-    if before_mb is not None and after_mb is not None:  # pages from before may have been given back
-        memory_mb = max(after_mb - before_mb, 0.0)
     slam_map = mapper.finish()
     times_s, odometry, rows = np.array(times), np.reshape(told, (-1, 3)), np.array(scan_rows)
     objections = _without_scans(times_s, odometry, rows)
-    slam_map = slam_map.objected(objections)
+    slam_map, memory_mb = slam_map.objected(objections), growth.most_mb()
     finish_s = time.thread_time() - started_s - online_s - watched_s
     of_scans = slam_map.trajectory_of(0 if known is None else known.session_count)
     trajectory = _of_records(log, times_s, odometry, rows, of_scans)

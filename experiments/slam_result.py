@@ -31,8 +31,8 @@ class SlamLog:
 
     trajectory: of every record, odometry alone too. online_cpu_s, finish_cpu_s: processor time of all
     updates, the reading of the log among them, and of the end; slowest_update_cpu_s: of one scan;
-    warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which memory had grown
-    with the last scan, None where the system does not tell.
+    warm_up_cpu_s: of loading compiled code before the first. memory_mb: by which the
+    process had grown at most when the map was finished, None where the system does not tell.
     evaluation: against a reference, where there is one. reference: its poses as told. continued: name of the map that the log's
     session continued, None: of none; joined_at: the scan with which it was joined, from 1, None: with
     none, but at the end, if at all; start: pose of its first scan there as it was told, None: searched for.

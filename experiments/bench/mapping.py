@@ -12,7 +12,7 @@ from pathlib import Path
 from rich.table import Table
 
 from experiments.bench.registration_run import one_core
-from experiments.memory import resident_mb
+from experiments.memory import MemoryGrowth
 from experiments.tables import wide_console
 from slam.frontend.front_end import FrontEnd
 from slam.mapping import Mapper
@@ -24,7 +24,6 @@ LIMITS = {"front end alone": 1.5, "with loops": 10.0, "with finishing": 40.0}
 """CPU seconds on intel, of issue 5; other logs are as long as they are."""
 _WARM_UP_SCANS = 150
 """Chosen: enough for a search, a loop and an adjustment to have been compiled on any log."""
-_SAMPLED_EVERY = 50
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class MappingCost:
     compile_s: of the first scans, most of it compiling or loading what was compiled. read_s: of
     reading the log, which the others leave out. with_loops_s, with_finishing_s: each with what is
     before it. slowest_update_s: of one scan, loops among it. memory_mb: by which the process grew
-    while the log was read and mapped, nothing of it kept but the map; None where no one tells.
+    at most while the log was read and mapped, for a moment or for good; None where no one tells.
     """
 
     log: str
@@ -105,16 +104,11 @@ def _warm_up(log: Log) -> None:
 
 def _grown_mb(log: Log) -> float | None:
     """By how much this process grows at most while it reads a log and maps it."""
-    before_mb = most_mb = resident_mb()
-    if before_mb is None or most_mb is None:
-        return None
-    mapper = Mapper(log.T_base_laser)
-    for index, one in enumerate(log.measurements()):
+    growth, mapper = MemoryGrowth(), Mapper(log.T_base_laser)
+    for one in log.measurements():
         mapper.update(one)
-        if index % _SAMPLED_EVERY == 0:
-            most_mb = max(most_mb, resident_mb() or 0.0)
     mapper.finish()
-    return max(most_mb, resident_mb() or 0.0) - before_mb
+    return growth.most_mb()
 
 
 def _table(cost: MappingCost) -> Table:
