@@ -54,6 +54,7 @@ class Drive:
         is_open = {step.keyframe for step in slam_map.steps if step.is_keyframe and step.is_open}
         self.graph.looseness = Looseness(slam_map.keyframes, is_open)
         self.session = MapSession.after(slam_map, start, self.graph, self.closer, self.config)
+        self.front_end.session = self.session.number
 
     @property
     def own_steps(self) -> Sequence[FrontEndStep]:
@@ -119,8 +120,10 @@ class Drive:
         told, strays = self.told_to_keyframes, self.config.strays
         if may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
             return
-        graph.keyframes[index] = graph.keyframes[index].place_alone()
-        front_end.keep_place_alone(index - first)
+        one = graph.keyframes[index]
+        is_shared = one is front_end.keyframes[index - first]
+        kept = front_end.keep_place_alone(index - first)
+        graph.keyframes[index] = kept if is_shared else one.place_alone()
 
     def _place_before(self, keyframe: Keyframe) -> None:
         """Has the drive's scans before its first keyframe, which told nothing, seen from that."""

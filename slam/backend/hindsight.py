@@ -8,6 +8,7 @@ import numpy as np
 
 from slam.backend.drive import Drive
 from slam.backend.rescaling import chained, rescaled
+from slam.frontend.wheel_scale import ScaledSteps
 from slam.map_checks.followers import with_followers_left
 from slam.map_checks.jumped_scans import has_jumped_alone
 from slam.map_checks.there_and_back import put_strays_back
@@ -63,7 +64,8 @@ def _rescale(drive: Drive) -> None:
     front_end, graph = drive.front_end, drive.graph
     scale = front_end.wheel_scale.scale
     keyframes, poses = rescaled(graph.keyframes, front_end.scaled_steps, scale), graph.poses
-    front_end.scaled_steps = [replace(step, scale=scale) for step in front_end.scaled_steps]
+    by_scale = (replace(step, scale=scale) for step in front_end.scaled_steps)
+    front_end.scaled_steps = ScaledSteps(by_scale)
     if not graph.loops:
         poses = chained(keyframes, poses, drive.session.first)
     graph.renew(keyframes, graph.loops, poses)

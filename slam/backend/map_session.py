@@ -68,9 +68,8 @@ class MapSession:
         return None if self.is_joined else range(self.first, len(self._graph))
 
     def own(self, keyframe: Keyframe) -> Keyframe:
-        """The next keyframe, as one of the session; the first of one is seen from no other."""
+        """The next keyframe, as one of the map; the first of a session is seen from no other."""
         index = len(self._graph)
-        keyframe = replace(keyframe, session=self.number)
         if index != self.first or index == 0:
             return keyframe
         way = self._graph.pose(index - 1).inverse() @ self.start @ keyframe.T_map_base

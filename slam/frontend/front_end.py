@@ -21,7 +21,7 @@ from slam.frontend.prediction import Prediction, is_told
 from slam.frontend.seen_before import LastSeen
 from slam.frontend.strays import apart_m
 from slam.frontend.told_steps import ToldStep, told_step
-from slam.frontend.wheel_scale import ScaledStep, WheelScale
+from slam.frontend.wheel_scale import ScaledStep, ScaledSteps, WheelScale
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
 from slam.measurements import Measurement
@@ -32,16 +32,20 @@ from slam.surface.surface_match import SurfaceMatch
 from slam.surface.surface_window import SurfaceWindow
 from slam.surface.views import Glances
 
+_NONE = Glances()
+"""Of all keyframes of which the place alone is kept: nothing is put in any more."""
+
 
 class FrontEnd:
-    """Follows the robot through an unknown place, and picks the keyframes."""
+    """Follows the robot through an unknown place, and picks the keyframes; session: of which these are."""
 
     def __init__(self, T_base_laser: SE2, config: FrontEndConfig | None = None) -> None:
         self.config = config or FrontEndConfig()
+        self.session = 0
         self.keyframes: list[Keyframe] = []
         self.glances: list[Glances] = []
         self.wheel_scale = WheelScale(self.config.wheel_scale)
-        self.scaled_steps: list[ScaledStep] = []
+        self.scaled_steps = ScaledSteps()
         self.loose_runs, self._scans = LooseRuns(), 0
         self.T_map_base = SE2.identity()
         self.ties: list[Loop] = []
@@ -198,10 +202,11 @@ class FrontEnd:
             surfaces.pull / surfaces.share,
         )
 
-    def keep_place_alone(self, index: int) -> None:
-        """Lets go of the scan of a keyframe that has left the window, and of those after it."""
-        self.keyframes[index] = self.keyframes[index].place_alone()
-        self.glances[index] = Glances()
+    def keep_place_alone(self, index: int) -> Keyframe:
+        """Lets go of the scan of a keyframe that has left the window, and of those after it; what is kept."""
+        self.keyframes[index] = kept = self.keyframes[index].place_alone()
+        self.glances[index] = _NONE
+        return kept
 
     def _seen(self, beams: Beams) -> FloatArray:
         """(N, 3) the faced points of a scan; none where the laser is blocked."""
@@ -273,6 +278,7 @@ class FrontEnd:
                 np.ascontiguousarray(points[:, :2]),
                 beams,
                 is_break,
+                self.session,
                 told=told,
             )
         )

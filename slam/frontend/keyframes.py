@@ -59,7 +59,7 @@ class Keyframe:
         """(N, 3) the points, and where their surfaces face: see `slam.surface.surface_map`."""
         return faced(self.points, self.beams.middle_m)
 
-    @cached_property
+    @property
     def is_place_alone(self) -> bool:
         """Whether only its place is kept: others saw what it saw."""
         return len(self.beams) == 0

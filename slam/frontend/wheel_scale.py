@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from slam.arrays import FloatArray
 from slam.frontend.told_steps import ToldStep, longer
 from slam.kernels import wheel_scale as kernels
 from slam.kernels.normal_equations import LEAST_PIVOT
+from slam.packed import PackedRows
 from slam.records import record
 from slam.running_median import RunningMedian
 from slam.se2 import SE2
@@ -63,6 +65,24 @@ class ScaledStep:
 
     scale: float
     slope: FloatArray
+
+
+class ScaledSteps(PackedRows[ScaledStep]):
+    """How the step to each keyframe depends on the scale: 32 bytes each."""
+
+    DTYPE: ClassVar[np.dtype[Any]] = np.dtype(
+        [(name, "f8") for name in ("scale", "slope_x", "slope_y", "slope_rad")]
+    )
+
+    @staticmethod
+    def packed(thing: ScaledStep) -> tuple[Any, ...]:
+        """See `PackedRows`."""
+        return thing.scale, *thing.slope.tolist()
+
+    @staticmethod
+    def unpacked(row: tuple[Any, ...]) -> ScaledStep:
+        """See `PackedRows`."""
+        return ScaledStep(row[0], np.array(row[1:]))
 
 
 class WheelScale:
