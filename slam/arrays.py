@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+_Number = TypeVar("_Number", bound=np.generic)
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> FloatArray:
@@ -77,3 +79,10 @@ def run_lengths(flags: BoolArray) -> IntArray:
     padded = np.concatenate([[False], flags, [False]])
     edges = np.flatnonzero(padded[1:] != padded[:-1])
     return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
+
+
+def lengthened(array: NDArray[_Number], count: int) -> NDArray[_Number]:
+    """An array (N, ...) with so many rows of zeros after it, which take memory once they are written to."""
+    longer = np.zeros((len(array) + count, *array.shape[1:]), array.dtype)
+    longer[: len(array)] = array
+    return longer

@@ -10,7 +10,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam.arrays import BoolArray, FloatArray, IntArray, frozen_array
+from slam.arrays import BoolArray, FloatArray, IntArray, frozen_array, lengthened
 from slam.kernels.normal_equations import lower_root_into
 from slam.pose_graph.chordal import chordal_poses
 from slam.pose_graph.equations import Equations, is_held
@@ -242,7 +242,7 @@ class PoseGraph:
 
 def _grown(array: np.ndarray) -> np.ndarray:
     """Longer by a quarter: twice as long it would be half empty, of drives that do not end soon."""
-    return np.concatenate([array, np.zeros_like(array[: max(16, len(array) // 4)])])
+    return lengthened(array, max(16, len(array) // 4))
 
 
 def _named(nodes: IntArray) -> str:

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, lengthened
 from slam.beams import Beams
 from slam.kernels import surface_map as kernels
 from slam.kernels import surface_matching as matching
@@ -247,8 +247,8 @@ class SurfaceMap:
     def _grow(self) -> None:
         """Twice as many entries."""
         count, free = len(self._heads), int(self._free[-1])
-        self._heads, self._sums = _doubled(self._heads), _doubled(self._sums)
-        self._surfels = _doubled(self._surfels)
+        self._heads, self._sums = lengthened(self._heads, count), lengthened(self._sums, count)
+        self._surfels = lengthened(self._surfels, count)
         added = np.arange(2 * count - 1, count - 1, -1)
         left, rest = self._free[:free], np.zeros(count - free)
         self._free = np.concatenate([added, left, rest, [count + free]]).astype(np.int32)
@@ -268,7 +268,3 @@ def _match_of(
         SE2(x, y, theta), information, joined, seen / most, fitting / max(seen, 1.0),
         (cost + count - seen) / most, gain,
     )  # fmt: skip
-
-
-def _doubled(array: np.ndarray) -> np.ndarray:
-    return np.concatenate([array, np.zeros_like(array)])
