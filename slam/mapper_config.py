@@ -8,6 +8,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.backend.joint_adjustment import AdjustmentConfig
+from slam.backend.older_keyframes import RECENT
 from slam.backend.session_joining import JoiningConfig
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.strays import StrayConfig
@@ -24,7 +25,7 @@ class MapperConfig:
     between them, over steps and loops, start_m, start_rad beside that; most_drift: (m, rad) that is
     looked for at most. solve_every:
     keyframes after which the poses are adjusted, if there are new loops, by so many
-    online_iterations at most. step_sigma: (m, m, rad) of the motion between two keyframes beside
+    online_iterations at most; recent: keyframes of which each is, see `OlderKeyframes`. step_sigma: (m, m, rad) of the motion between two keyframes beside
     what the front end says. crowd: keyframes within crowd_m and crowd_rad of one, of which no more
     scans are kept, and of those asked for loops but one in crowd_every: memory and time grow with the
     map, not with the drive. patient_rounds, patient_inlier_ratio: of loops looked for where a map does
@@ -46,6 +47,7 @@ class MapperConfig:
     most_drift: tuple[float, float] = (3.5, 0.35)
     solve_every: int = 25
     online_iterations: int = 1
+    recent: int = RECENT
     step_sigma: tuple[float, float, float] = STEP_SIGMA
     crowd: int = 8
     crowd_m: float = 0.4

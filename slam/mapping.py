@@ -143,7 +143,7 @@ class Mapper:
             drive.graph.take(found)
             self._has_new |= bool(found)
         if self._has_new and index % config.solve_every == 0:
-            drive.graph.solve(config.online_iterations)
+            drive.graph.adjust(config.online_iterations)
             self._has_new = False
         if drive.session.is_joined:
             drive.thin_crowd(index - 2 * config.front_end.window)

@@ -138,6 +138,7 @@ RANKS = (
         "still_scans",
         "loose_runs",
         "looseness",
+        "older_keyframes",
         "open_runs",
         "odometry_jumps",
         "contradictions",

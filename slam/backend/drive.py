@@ -35,7 +35,7 @@ class Drive:
         self.config = config
         self.front_end = FrontEnd(T_base_laser, config.front_end)
         self.closer = LoopCloser(config.loops, config.front_end.surfaces)
-        self.graph = KeyframeGraph(config.step_sigma)
+        self.graph = KeyframeGraph(config.step_sigma, config.recent)
         self.session = MapSession(self.graph, config)
         self.steps, self.told = FrontEndSteps(), ToldSteps()
         self.weak_steps = WeakSteps()
@@ -120,10 +120,8 @@ class Drive:
         told, strays = self.told_to_keyframes, self.config.strays
         if may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
             return
-        one = graph.keyframes[index]
-        is_shared = one is front_end.keyframes[index - first]
-        kept = front_end.keep_place_alone(index - first)
-        graph.keyframes[index] = kept if is_shared else one.place_alone()
+        graph.keep_place_alone(index)
+        front_end.keep_place_alone(index - first)
 
     def _place_before(self, keyframe: Keyframe) -> None:
         """Has the drive's scans before its first keyframe, which told nothing, seen from that."""

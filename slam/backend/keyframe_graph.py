@@ -8,6 +8,7 @@ import numpy as np
 
 from slam.arrays import FloatArray, IntArray
 from slam.backend.looseness import Looseness
+from slam.backend.older_keyframes import RECENT, OlderKeyframes
 from slam.frontend.keyframes import Keyframe
 from slam.kernels.graph_ways import ways_from
 from slam.kernels.near_keyframes import alike
@@ -27,13 +28,15 @@ look that takes ten times as long."""
 class KeyframeGraph:
     """The pose graph of keyframes and loops, kept beside them.
 
-    step_sigma: (m, m, rad) of the motion between two keyframes beside what the front end says.
+    step_sigma: (m, m, rad) of the motion between two keyframes beside what the front end says. recent: keyframes that
+    are adjusted whatever they saw.
     """
 
-    def __init__(self, step_sigma: tuple[float, float, float]) -> None:
+    def __init__(self, step_sigma: tuple[float, float, float], recent: int = RECENT) -> None:
         self.keyframes: list[Keyframe] = []
         self.loops: list[Loop] = []
-        self._step_sigma = step_sigma
+        self._step_sigma, self._recent = step_sigma, recent
+        self._older = OlderKeyframes(step_sigma, recent)
         self._graph, self._loop_edges, self._breaks = PoseGraph(), list[int](), list[int]()
         self._held_ends, self._tie_count = _ends_of([]), 0
         self.looseness = Looseness()
@@ -66,6 +69,9 @@ class KeyframeGraph:
         self._tie_count = len(loops) - len(without_ties(loops))
         self._held_ends = _ends_of(loops)
         self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
+        self._older = OlderKeyframes(self._step_sigma, self._recent)
+        for keyframe in keyframes:
+            self._older.take(keyframe)
         edges = self._graph.edge_count
         self._loop_edges = list(range(edges - len(loops), edges))
 
@@ -74,6 +80,7 @@ class KeyframeGraph:
         along that is."""
         index = len(self.keyframes)
         self.looseness.take(keyframe, is_open)
+        self._older.take(keyframe)
         self.keyframes.append(keyframe)
         if keyframe.is_break:
             self._breaks.append(index)
@@ -103,6 +110,11 @@ class KeyframeGraph:
         count = alike(self.poses, index, *near, found)
         return sum(not self.keyframes[k].is_place_alone for k in found[:count].tolist()) > most
 
+    def keep_place_alone(self, index: int) -> None:
+        """Lets go of all but the place of a keyframe."""
+        self.keyframes[index] = self.keyframes[index].place_alone()
+        self._older.keep_place_alone(index)
+
     def take(self, loops: Sequence[Loop]) -> None:
         """More loops."""
         for loop in loops:
@@ -110,18 +122,25 @@ class KeyframeGraph:
             self._tie_count += loop.is_tie
         self.loops += loops
 
-    def solve(self, max_iterations: int | None = None) -> PoseGraphSolution:
-        """Moves the poses to where steps and loops agree best, or by so many iterations on the way there.
+    def adjust(self, iterations: int) -> None:
+        """Moves the poses by so many iterations on the way to where steps and loops agree best, those of long ago
+        with others: see `OlderKeyframes`."""
+        config = PoseGraphConfig(max_iterations=iterations)
+        ends = _ends_of(self.loops)
+        poses, edges, rejected = self._older.adjusted(self._graph, self._older.kept(ends), config)
+        self._graph.set_poses(poses)
+        is_held = np.isin(self._loop_edges, edges) & ~np.isin(self._loop_edges, rejected)
+        self._held_ends = ends[is_held]
 
-        Without a limit, loops that are rejected get a second hearing, in stages: right ones may lie so
-        far off that no descent from where the poses are leads to them.
+    def solve(self) -> PoseGraphSolution:
+        """Moves the poses to where steps and loops agree best.
+
+        Loops that are rejected get a second hearing, in stages: right ones may lie so far off that no descent from
+        where the poses are leads to them.
         """
-        if max_iterations is not None:
-            solution = self._graph.solve(config=PoseGraphConfig(max_iterations=max_iterations))
-        else:
-            solution = self._graph.solve()
-            if len(solution.rejected_loops()) > _FEW_REJECTED * len(self.loops):
-                solution = min(solution, self._in_stages(solution), key=lambda one: one.cost)
+        solution = self._graph.solve()
+        if len(solution.rejected_loops()) > _FEW_REJECTED * len(self.loops):
+            solution = min(solution, self._in_stages(solution), key=lambda one: one.cost)
         self._graph.set_poses(solution.poses)
         kept, _ = self._sorted(solution)
         self._held_ends = _ends_of(kept)

@@ -90,7 +90,7 @@ class MapSession:
             return
         graph.set_poses(join.moved(poses, self.first))
         graph.take(join.loops)
-        graph.solve(config.online_iterations)  # from now on they tell how far things are
+        graph.adjust(config.online_iterations)  # from now on they tell how far things are
         self.is_joined = True
         self._check_at = len(graph) - 1 + config.joining.first_check
 

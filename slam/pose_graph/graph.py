@@ -179,6 +179,18 @@ class PoseGraph:
             self._is_dropped[edge] = True
         self._equations = None
 
+    def part(self, is_kept: BoolArray) -> tuple[PoseGraph, IntArray]:
+        """The graph of some nodes (N,), with the edges between these; and what numbers the edges have here, (E',)."""
+        numbers = np.cumsum(is_kept) - 1
+        edges = np.flatnonzero(~self.is_dropped & is_kept[self.ends].all(axis=1))
+        part = PoseGraph()
+        part._poses, part._is_fixed = self.poses[is_kept], self.is_fixed[is_kept]
+        part._node_count, part._edge_count = len(part._poses), len(edges)
+        part._ends, part._measured = numbers[self._ends[edges]], self._measured[edges]
+        part._information, part._kernels = self._information[edges], self._kernels[edges]
+        part._is_dropped = np.zeros(len(edges), np.bool_)
+        return part, edges
+
     def set_poses(self, poses: ArrayLike) -> None:
         """Moves the first M nodes to poses (M, 3), as a solution has them; later ones stay."""
         array = frozen_array(poses, (None, 3), "poses")
