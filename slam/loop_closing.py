@@ -11,6 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.contradictions import passed
+from slam.frontend.kept_keyframes import has_scan
 from slam.frontend.keyframes import Keyframe
 from slam.kernels.near_keyframes import seen_before
 from slam.kernels.normal_equations import inverse_of
@@ -143,7 +144,7 @@ class LoopCloser:
         near, away_m = np.empty(len(keyframes), np.int64), np.empty(len(keyframes))
         pairs: list[tuple[int, int]] = []
         for later in asked:
-            if keyframes[later].is_place_alone:
+            if not has_scan(keyframes, later):
                 continue
             count = seen_before(
                 poses, later, np.array(starts, np.int64), config.least_way_m, config.radius_m,
@@ -153,7 +154,7 @@ class LoopCloser:
             order = np.argsort(away_m[:count][::-1], kind="stable")
             rest = near[:count][::-1][order].tolist()
             for _ in range(config.most):
-                seen = (at for at, k in enumerate(rest) if not keyframes[k].is_place_alone)
+                seen = (at for at, k in enumerate(rest) if has_scan(keyframes, k))
                 if (at := next(seen, None)) is None:
                     break
                 earlier = rest[at]

@@ -14,7 +14,7 @@ _ROWS = 1024
 """Of a block. Chosen: little of the last one is empty, and no row is ever moved, which leaves holes behind."""
 
 
-class _Made(Sequence[_Kept], Generic[_Kept]):
+class MadeWhenAsked(Sequence[_Kept], Generic[_Kept]):
     """Things that are made when they are asked for; those of a slice as they are then."""
 
     @abstractmethod
@@ -30,7 +30,7 @@ class _Made(Sequence[_Kept], Generic[_Kept]):
         return Seen(self, rows, _itself) if isinstance(rows, range) else self._one(rows)
 
 
-class PackedRows(_Made[_Kept]):
+class PackedRows(MadeWhenAsked[_Kept]):
     """A list of things that are made anew, of the numbers of what was put in, whenever one is asked for.
 
     A class of these says what a row is made of, and how a thing is made of it. `copy.copy` of one is another list.
@@ -105,7 +105,7 @@ class PackedRows(_Made[_Kept]):
         return other
 
 
-class Seen(_Made[_Kept]):
+class Seen(MadeWhenAsked[_Kept]):
     """What something makes of some of a sequence, one at a time: nothing of it is kept."""
 
     def __init__(self, of: Sequence[_From], rows: range, made: Callable[[_From], _Kept]) -> None:

@@ -107,6 +107,7 @@ RANKS = (
         "slam_map_checks",
         "wheel_scale",
         "keyframes",
+        "kept_keyframes",
         "told_steps",
         "step_factors",
     },

@@ -49,7 +49,7 @@ def _finished(drive: Drive, closer: LoopCloser, every: int) -> SlamMap:
     """The map with the loops that a closer finds beside those known, at every so many keyframes."""
     config, session = drive.config, drive.session
     kept, rejected = _sorted_loops(drive, closer, every)
-    keyframes, poses = drive.graph.keyframes.copy(), drive.graph.poses
+    keyframes, poses = list(drive.graph.keyframes), drive.graph.poses
     if session.is_joined:
         poses = jointly_adjusted(
             keyframes, kept, poses, config.adjustment, config.front_end.surfaces

@@ -9,6 +9,7 @@ import numpy as np
 from slam.arrays import FloatArray, IntArray
 from slam.backend.looseness import Looseness
 from slam.backend.older_keyframes import RECENT, OlderKeyframes
+from slam.frontend.kept_keyframes import Keyframes
 from slam.frontend.keyframes import Keyframe
 from slam.kernels.graph_ways import ways_from
 from slam.kernels.near_keyframes import alike
@@ -33,7 +34,7 @@ class KeyframeGraph:
     """
 
     def __init__(self, step_sigma: tuple[float, float, float], recent: int = RECENT) -> None:
-        self.keyframes: list[Keyframe] = []
+        self.keyframes = Keyframes()
         self.loops: list[Loop] = []
         self._step_sigma, self._recent = step_sigma, recent
         self._older = OlderKeyframes(step_sigma, recent)
@@ -62,10 +63,11 @@ class KeyframeGraph:
         """Puts the keyframes at poses (K, 3)."""
         self._graph.set_poses(poses)
 
-    def renew(self, keyframes: list[Keyframe], loops: list[Loop], poses: FloatArray) -> None:
+    def renew(self, keyframes: Sequence[Keyframe], loops: list[Loop], poses: FloatArray) -> None:
         """All of it anew: keyframes at poses (K, 3), and loops."""
         self._graph = graph_of(keyframes, loops, poses, self._step_sigma)
-        self.keyframes, self.loops = keyframes, loops
+        self.keyframes = keyframes if isinstance(keyframes, Keyframes) else Keyframes(keyframes)
+        self.loops = loops
         self._tie_count = len(loops) - len(without_ties(loops))
         self._held_ends = _ends_of(loops)
         self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
@@ -108,11 +110,11 @@ class KeyframeGraph:
         """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
         found = np.empty(len(self), np.int64)
         count = alike(self.poses, index, *near, found)
-        return sum(not self.keyframes[k].is_place_alone for k in found[:count].tolist()) > most
+        return sum(map(self.keyframes.has_scan, found[:count].tolist())) > most
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of all but the place of a keyframe."""
-        self.keyframes[index] = self.keyframes[index].place_alone()
+        self.keyframes.keep_place_alone(index)
         self._older.keep_place_alone(index)
 
     def take(self, loops: Sequence[Loop]) -> None:

@@ -11,6 +11,7 @@ from slam.arrays import FloatArray, diagonal_of
 from slam.beams import Beams
 from slam.frontend.constant_velocity import ConstantVelocity, coasting_covariance
 from slam.frontend.front_end_config import FrontEndConfig
+from slam.frontend.kept_keyframes import Keyframes
 from slam.frontend.keyframes import FrontEndStep, Keyframe, StepStatus
 from slam.frontend.loose_runs import LooseRuns
 from slam.frontend.open_matches import is_one_place
@@ -42,7 +43,7 @@ class FrontEnd:
     def __init__(self, T_base_laser: SE2, config: FrontEndConfig | None = None) -> None:
         self.config = config or FrontEndConfig()
         self.session = 0
-        self.keyframes: list[Keyframe] = []
+        self.keyframes = Keyframes()
         self.glances: list[Glances] = []
         self.wheel_scale = WheelScale(self.config.wheel_scale)
         self.scaled_steps = ScaledSteps()
@@ -202,11 +203,10 @@ class FrontEnd:
             surfaces.pull / surfaces.share,
         )
 
-    def keep_place_alone(self, index: int) -> Keyframe:
-        """Lets go of the scan of a keyframe that has left the window, and of those after it; what is kept."""
-        self.keyframes[index] = kept = self.keyframes[index].place_alone()
+    def keep_place_alone(self, index: int) -> None:
+        """Lets go of the scan of a keyframe that has left the window, and of those after it."""
+        self.keyframes.keep_place_alone(index)
         self.glances[index] = _NONE
-        return kept
 
     def _seen(self, beams: Beams) -> FloatArray:
         """(N, 3) the faced points of a scan; none where the laser is blocked."""

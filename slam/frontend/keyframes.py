@@ -19,6 +19,7 @@ from slam.se2 import SE2
 from slam.surface.surface_map import faced
 from slam.surface.views import Glance
 
+_NO_POINTS: FloatArray = np.empty((0, 2))
 _NO_BEAMS = Beams(np.empty((0, 2)), np.empty(0), np.empty(0))
 
 
@@ -66,7 +67,24 @@ class Keyframe:
 
     def place_alone(self) -> Keyframe:
         """The same without its scan and glances."""
-        return replace(self, points=np.empty((0, 2)), beams=_NO_BEAMS, glances=())
+        return replace(self, points=_NO_POINTS, beams=_NO_BEAMS, glances=())
+
+    @staticmethod
+    def of_place(
+        time_s: float,
+        T_map_base: SE2,
+        T_before: SE2,
+        covariance: FloatArray,
+        *,
+        is_break: bool,
+        session: int,
+        told: ToldStep,
+    ) -> Keyframe:
+        """One without a scan."""
+        return Keyframe(
+            time_s, T_map_base, T_before, covariance, _NO_POINTS, _NO_BEAMS, is_break, session,
+            told=told,
+        )  # fmt: skip
 
 
 def as_sure_as_before(

@@ -11,6 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.front_end_config import FrontEndConfig
+from slam.frontend.kept_keyframes import Keyframes
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.told_steps import ToldStep
 from slam.kernels.normal_equations import inverse_of
@@ -83,7 +84,7 @@ class OpenRun:
 
     def tie(
         self,
-        keyframes: list[Keyframe],
+        keyframes: Keyframes,
         window: SurfaceWindow,
         points: FloatArray,
         match: SurfaceMatch,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.arrays import BoolArray, FloatArray
+from slam.frontend.kept_keyframes import has_scan
 from slam.frontend.keyframes import Keyframe
 from slam.kernels.visibility import NOT_THROUGH, THROUGH, statements_into
 from slam.se2 import SE2
@@ -48,7 +49,7 @@ class Witnesses:
         """Of both scans' points that stand, to and fro: how many are in the other's view, and how many
         of these its beams went through."""
         seen = through = 0
-        if self._keyframes[one].is_place_alone or self._keyframes[other].is_place_alone:
+        if not (has_scan(self._keyframes, one) and has_scan(self._keyframes, other)):
             return 0, 0
         for of, by in ((one, other), (other, one)):
             said = self._said(of, by, self._margins, self._aside_m)[self.stands(of)]
@@ -59,7 +60,7 @@ class Witnesses:
     def next_to(self, k: int) -> Iterator[int]:
         """The last keyframe before one, and the first after it, that are more than their place."""
         for ks in (range(k - 1, -1, -1), range(k + 1, len(self._keyframes))):
-            yield from islice((at for at in ks if not self._keyframes[at].is_place_alone), 1)
+            yield from islice((at for at in ks if has_scan(self._keyframes, at)), 1)
 
     def stands(self, k: int) -> BoolArray:
         """(N,) which points of a keyframe were there before and after it too, as far as anybody saw."""
@@ -83,7 +84,7 @@ class Witnesses:
                     or keyframes[max(beside, beside - step)].is_break
                 ):
                     break
-                if not keyframes[beside].is_place_alone:
+                if has_scan(keyframes, beside):
                     yield beside
 
     def _said(

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.frontend.kept_keyframes import has_scan
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.witnesses import Witnesses
 from slam.kernels.near_keyframes import pairs_near
@@ -255,7 +256,7 @@ class _NearScans:
     ) -> None:
         """poses: (K, 3) of the keyframes."""
         self.witnesses = Witnesses(keyframes, poses, config.margins, config.aside_m)
-        self._asked = np.flatnonzero([not one.is_place_alone for one in keyframes])
+        self._asked = np.flatnonzero([has_scan(keyframes, k) for k in range(len(keyframes))])
         self._poses, self._near = np.ascontiguousarray(poses), (config.radius_m, config.apart)
 
     def pairs(
