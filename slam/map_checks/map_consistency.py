@@ -257,7 +257,8 @@ class _NearScans:
         """poses: (K, 3) of the keyframes."""
         self.witnesses = Witnesses(keyframes, poses, config.margins, config.aside_m)
         self._asked = np.flatnonzero([has_scan(keyframes, k) for k in range(len(keyframes))])
-        self._poses, self._near = np.ascontiguousarray(poses), (config.radius_m, config.apart)
+        # a copy: to a kernel, arrays that may be written to are another type than those that may not
+        self._poses, self._near = np.array(poses), (config.radius_m, config.apart)
 
     def pairs(
         self, most: int, pieces: IntArray | BoolArray | None = None, *, is_within: bool = True
