@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 _TURN_RAD = 6.3
 """A whole turn, as it is typed."""
+_MOUNT_M = 10.0
+"""From a robot's base to its laser: the largest vehicle's."""
 
 
 def real_log(
@@ -184,7 +186,13 @@ def log_choice(
     """What was typed of a log."""
     from slam.readers.log import LogChoice
 
-    return LogChoice(scan_topic, odom_topic, _pose(mount, "--mount"))
+    pose = _pose(mount, "--mount")
+    if pose is not None and math.hypot(pose.x, pose.y) > _MOUNT_M:
+        raise ValueError(
+            f"--mount takes metres, and {pose.x:g} {pose.y:g} is more than {_MOUNT_M:g} m from the"
+            " base that poses are of: is it millimetres?"
+        )
+    return LogChoice(scan_topic, odom_topic, pose)
 
 
 def _told_of_compiling(progress: "SlamProgress | ScanProgress") -> AbstractContextManager[None]:

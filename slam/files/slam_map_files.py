@@ -88,9 +88,10 @@ def read_slam_map(path: str | Path) -> SlamMap:
             }
         kind, version = str(arrays["kind"]), int(arrays["version"])
     except _DAMAGES as error:
+        said = f"it has no {error}" if isinstance(error, KeyError) else str(error)
         raise ValueError(
             f"{path}: expected a map written by this library, and it is cut, damaged or"
-            f" something else ({' '.join(str(error).split())[:200]})"
+            f" something else ({' '.join(said.split())[:200]})"
         ) from None
     if kind != _KIND:
         raise ValueError(f"{path}: expected a {_KIND}, not a {kind[:80]!r}")

@@ -37,6 +37,10 @@ def test_bag_is_mapped_and_localised_on_its_map(tmp_path, capsys):
         (["slam", LOG, "--scan-topic", "/scan"], "are of ROS bags, and this is none"),
         (["localize", "map.yaml", LOG, "--mount", "nan", "0", "0"], "--mount takes three finite"),
         (
+            ["slam", LOG, "--mount", "-120", "0", "0"],
+            "--mount takes metres, and -120 0 is more than 10 m from the base",
+        ),
+        (
             ["localize", "map.yaml", LOG, "--mount", "0", "0", "180"],
             "--mount takes radians, and 180",
         ),

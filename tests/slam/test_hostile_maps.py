@@ -194,6 +194,8 @@ def kitasap_map(path: Path, shape: tuple[int, ...], content_bytes: int) -> Path:
     ("shape", "content_bytes", "said"),
     [
         ((10**15,), 8, "cut, damaged or something else"),
+        # arrays that another program saved
+        ((3,), 24, r"something else \(it has no 'kind'\)"),
         pytest.param(
             (40_000_000,),
             320_000_000,
