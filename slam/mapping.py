@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -112,6 +113,11 @@ class Mapper:
             step.time_s, self.T_map_base, step.status, step.inlier_ratio, drive.graph.loop_count,
             drive.session.is_joined,
         )  # fmt: skip
+
+    @property
+    def keyframes(self) -> Sequence[Keyframe]:
+        """Those that the map is made of so far, of sessions before too; of some no more than the place is kept."""
+        return self._drive.graph.keyframes
 
     @property
     def points(self) -> FloatArray:

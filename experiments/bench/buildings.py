@@ -104,10 +104,10 @@ def simulated(
     if trouble == "spins":
         poses, by_wheels = spun(poses, step_m, rng)
     bodies = walkers(poses, rng) if trouble == "walkers" else [np.empty((0, 2, 2))] * len(poses)
-    scans = list(_scans(plan, poses, bodies, angles_rad, range_m, people, rng))
-    told = _by_wheels(by_wheels, odometry, rng)
+    scans = list(scans_on_way(plan, poses, bodies, angles_rad, range_m, people, rng))
+    told = told_by_wheels(by_wheels, odometry, rng)
     durations_s = [
-        _duration_s(*ends, step) for ends, step in zip(pairwise(poses), by_wheels, strict=True)
+        duration_s(*ends, step) for ends, step in zip(pairwise(poses), by_wheels, strict=True)
     ]
     times_s = np.cumsum(durations_s)
     records = [
@@ -153,12 +153,13 @@ def _way_m(steps: list[SE2]) -> float:
     return sum(math.hypot(step.x, step.y) for step in steps)
 
 
-def _duration_s(one: SE2, other: SE2, by_wheels: SE2) -> float:
+def duration_s(one: SE2, other: SE2, by_wheels: SE2) -> float:
+    """From one pose to another, or as long as the wheels turned if the robot stood."""
     way_m = math.hypot(other.x - one.x, other.y - one.y) or math.hypot(by_wheels.x, by_wheels.y)
     return max(_FASTEST_S, way_m / _SPEED_MPS)
 
 
-def _scans(
+def scans_on_way(
     plan: Plan,
     poses: list[SE2],
     bodies: list[FloatArray],
@@ -186,7 +187,9 @@ def _scans(
         yield LaserScan(0.0, angles_rad, np.where(ranges_m <= range_m, ranges_m, np.inf))
 
 
-def _by_wheels(steps: list[SE2], odometry: Odometry | None, rng: np.random.Generator) -> list[SE2]:
+def told_by_wheels(
+    steps: list[SE2], odometry: Odometry | None, rng: np.random.Generator
+) -> list[SE2]:
     """Where the wheels say that the robot was, who made such steps; nowhere else, without any."""
     if odometry is None:
         return [SE2.identity()] * (len(steps) + 1)

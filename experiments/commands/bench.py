@@ -159,6 +159,17 @@ def buildings(
 
 
 @app.command()
+def rounds(
+    rounds: Annotated[int, typer.Option(min=1, help="Of the same corridors.")] = 32,
+    seed: Seed = 0,
+) -> int:
+    """One way driven over and over: what mapping takes for a scan, and memory, from round to round."""
+    from experiments.bench.rounds import print_benchmark
+
+    return 0 if print_benchmark(rounds, seed) else 1
+
+
+@app.command()
 def continued(
     log: Log,
     reference: Reference,
