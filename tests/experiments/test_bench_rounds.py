@@ -1,6 +1,7 @@
 """`kitasap bench rounds`: the same way over and over, and what is told of it."""
 
 import numpy as np
+import pytest
 
 from experiments.bench.rounds import measured, simulated
 from experiments.cli import main
@@ -27,3 +28,15 @@ def test_log_is_the_same_whenever_it_is_read():
     first, again = ([record.scan.ranges_m for record in log.records] for _ in range(2))
     assert len(first) == len(true) == log.scan_count
     assert all(np.array_equal(one, other) for one, other in zip(first, again, strict=True))
+
+
+@pytest.mark.slow
+def test_rounds_more_take_little_more_than_their_poses():
+    found = measured(32, 6)
+    assert found.is_right
+    before, after = found.rounds[-2:]
+    assert after.kept <= 1.02 * before.kept
+    if after.memory_mb is not None and before.memory_mb is not None:
+        # as objects of their own, keyframes of which the place alone is kept took three times as much
+        grown_mb = after.memory_mb - before.memory_mb
+        assert grown_mb * 1e6 < 2000.0 * (after.scans - before.scans)
