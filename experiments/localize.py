@@ -16,6 +16,7 @@ import numpy as np
 
 from experiments.known_maps import LogConfig, check_is_map, map_of_file
 from experiments.observer import NO_ONE, LogObserver
+from experiments.starts import check_start
 from experiments.trial_log import write_atomically
 from slam.beams import Beams
 from slam.known_map import KnownMap
@@ -116,6 +117,10 @@ def run(
     log = read_log(log_path, choice)
     config = (config or LogConfig()).seeing(log)
     known, said = map_of_file(map_path, config.laser)
+    if start is not None:
+        away_m = known.points - np.array([start.x, start.y])
+        off_m = float(np.hypot(*away_m.T).min())
+        check_start(start, off_m, config.range_max_m, "walls are seen from up to")
     estimates, last = localized(known, log, start, config, on_scan, observer)
     return LocalizedLog(
         log.name, map_path.name, config, known, tuple(estimates), last, start, (*said, *log.notes)

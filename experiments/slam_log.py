@@ -15,6 +15,7 @@ from experiments.observer import NO_ONE, LogObserver
 from experiments.reference_files import read_reference, read_related
 from experiments.slam_passes import OnScan, best_mapped, mapped_once
 from experiments.slam_result import SlamLog
+from experiments.starts import check_start
 from slam.arrays import FloatArray
 from slam.beams import POINTS_WITHIN_M
 from slam.readers.log import Log, LogChoice
@@ -88,11 +89,8 @@ def _check_start(known: SlamMap, start: SE2) -> None:
         ),
         default=0.0,
     )
-    if reach_m < off_m < math.inf:
-        raise ValueError(
-            f"--start {start.x:g} {start.y:g} lies {off_m:.0f} m off the map, whose scans reach"
-            f" {reach_m:.0f} m: give a pose on it, or none to have it searched for"
-        )
+    if off_m < math.inf:
+        check_start(start, off_m, reach_m, "scans reach")
 
 
 def check_same_time(log: Log, times_s: FloatArray, path: Path) -> None:

@@ -301,6 +301,7 @@ def test_log_without_scans_is_refused(text, said, office, tmp_path, capsys):
         (["1", "-inf", "0"], "--start takes three finite numbers"),
         (["1", "2", "3", "4"], "unexpected extra argument"),
         (["1", "2", "90"], "--start takes radians, and 90 is more than a turn: is it degrees?"),
+        (["900", "2", "0"], "m off the map, whose walls are seen from up to 12 m"),
     ],
 )
 def test_start_that_is_no_pose_is_refused(start, said, office, capsys):
