@@ -62,6 +62,7 @@ class KeyframeGraph:
     def set_poses(self, poses: FloatArray) -> None:
         """Puts the keyframes at poses (K, 3)."""
         self._graph.set_poses(poses)
+        self._older.forget_anchors()
 
     def renew(self, keyframes: Sequence[Keyframe], loops: list[Loop], poses: FloatArray) -> None:
         """All of it anew: keyframes at poses (K, 3), and loops."""
@@ -94,7 +95,7 @@ class KeyframeGraph:
 
     def ways_m(self, index: int) -> FloatArray:
         """(K,) the shortest way from one keyframe to each [m], over steps and the loops that held when
-        the poses were solved for last: the longer, the less is known of how the two lie. Where scans
+        the poses were solved for last, and were looked at then: the longer, the less is known of how the two lie. Where scans
         broke off, as much longer as that leaves open."""
         poses = self.poses
         steps_m = np.zeros(len(poses))

@@ -66,8 +66,10 @@ class Keyframes(MadeWhenAsked[Keyframe]):
 
     def keep_place_alone(self, at: int) -> None:
         """Lets go of all but the place of one."""
-        self._places.append(self[at])
-        self._things[at] = len(self._places) - 1
+        thing = self._things[at]
+        if not isinstance(thing, int):
+            self._places.append(thing)
+            self._things[at] = len(self._places) - 1
 
     def has_scan(self, at: int) -> bool:
         """Whether more than the place of one is kept."""

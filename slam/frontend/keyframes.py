@@ -94,7 +94,7 @@ def as_sure_as_before(
     something else is known by now. changed: of these, by their number, the covariance (3, 3) since, and before."""
     found = list(keyframes)
     for k, (since, before) in changed.items():
-        if found[k].covariance is since:
+        if np.array_equal(found[k].covariance, since):
             found[k] = replace(found[k], covariance=before)
     return found
 

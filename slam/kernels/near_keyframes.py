@@ -71,14 +71,16 @@ def pairs_near(
     found: IntArray,
 ) -> int:
     """Into found (F, 2): every so many-th of the pairs of asked (A,) keyframes, increasing, that lie within a radius
-    and have more than so many numbers between them, both of one of pieces (A,), or of two, in the order of the first
-    and then of the second; how many pairs there are, whether they found room or not."""
-    count = 0
+    and have more than so many numbers between them, both of one of pieces (A,), which never decrease, or of two, in the
+    order of the first and then of the second; how many pairs there are, whether they found room or not."""
+    count, end = 0, 0
     for a in range(asked.shape[0]):
         one = asked[a]
-        for b in range(a + 1, asked.shape[0]):
+        while end < asked.shape[0] and pieces[end] == pieces[a]:
+            end += 1
+        for b in range(a + 1, end) if is_within else range(end, asked.shape[0]):
             other = asked[b]
-            if other - one <= apart or (pieces[a] == pieces[b]) != is_within:
+            if other - one <= apart:
                 continue
             east, north = poses[other, 0] - poses[one, 0], poses[other, 1] - poses[one, 1]
             if east * east + north * north > radius_m * radius_m:

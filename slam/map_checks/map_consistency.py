@@ -258,13 +258,13 @@ class _NearScans:
         self.witnesses = Witnesses(keyframes, poses, config.margins, config.aside_m)
         self._asked = np.flatnonzero([has_scan(keyframes, k) for k in range(len(keyframes))])
         # a copy: to a kernel, arrays that may be written to are another type than those that may not
-        self._poses, self._near = np.array(poses), (config.radius_m, config.apart)
+        self._poses, self._near = np.array(poses, order="C"), (config.radius_m, config.apart)
 
     def pairs(
         self, most: int, pieces: IntArray | BoolArray | None = None, *, is_within: bool = True
     ) -> IntArray:
         """(P, 2) so many of the pairs at most, evenly among all, in the order of their numbers; is_within: both of one
-        of pieces (K,), else of two."""
+        of pieces (K,), which never decrease, else of two."""
         of_asked = np.zeros(len(self._asked), np.int64)
         if pieces is not None:
             of_asked[:] = pieces[self._asked]

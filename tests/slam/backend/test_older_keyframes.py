@@ -147,12 +147,58 @@ def test_laps_of_which_places_are_kept_move_with_what_was_seen_first():
     assert off_m(small.poses, true) < 0.15
 
 
+def out_of_a_room(recent: int) -> tuple[float, float]:
+    """Twelve laps, of all but the first three of which places alone are kept, and out by a corridor: how far the robot
+    is off there [m], and the way from the first keyframe on."""
+    rng = np.random.default_rng(2)
+    graph = laps(12, rng, recent, is_thinned=True)
+    root, first = np.linalg.cholesky(SPREAD + diagonal_of(STEP_SIGMA)), len(graph)
+    true = SE2.from_array(squares(first)[-1])
+    for k in range(first, first + 160):
+        true = true @ SE2(0.3, 0.0, 0.0)
+        graph.add(keyframe(SE2(0.3, 0.0, 0.0) @ SE2.exp(root @ rng.normal(size=3))))
+        if k - 10 < first:
+            graph.keep_place_alone(k - 10)
+        if k % 8 == 0:
+            graph.adjust(1)
+    off = SE2.from_array(graph.poses[-1]).between(true)
+    return float(np.hypot(off.x, off.y)), float(graph.ways_m(len(graph) - 1)[0])
+
+
+def test_what_comes_after_many_laps_does_not_hang_by_all_their_steps():
+    small_m, whole_m = out_of_a_room(60), out_of_a_room(10_000)
+    # the last loop of a lap holds where it led out: by steps alone it was metres off, and 264 m long
+    assert small_m[0] < whole_m[0] + 0.3
+    assert small_m[1] < whole_m[1] + 1.0
+
+
+def test_last_keyframe_is_always_solved_for():
+    with pytest.raises(ValueError, match="recent must be 1 or more keyframes, not 0"):
+        OlderKeyframes(STEP_SIGMA, 0)
+
+
+def test_places_that_were_moved_go_along_with_those_who_are_near_then():
+    graph = laps(6, np.random.default_rng(1), 60, is_thinned=True)
+    older, poses = graph._older, graph.poses
+    ends = np.array([(one.earlier, one.later) for one in graph.loops])
+    is_kept = older.kept(ends)
+    is_place = np.array([one.is_place_alone for one in graph.keyframes]) & ~is_kept
+    anchors = older._anchored(poses, is_kept)
+    assert is_place.sum() > 100
+    assert (anchors[is_place] >= 0).all()
+    assert np.hypot(*(poses[anchors[is_place]] - poses[is_place])[:, :2].T).max() < 2.0
+    poses[is_place, 0] += 20.0  # as of a session that was joined elsewhere
+    assert (older._anchored(poses, is_kept)[is_place] >= 0).all()
+    graph.set_poses(poses)
+    assert (older._anchored(poses, is_kept)[is_place] < 0).all()
+
+
 def test_graph_that_is_solved_grows_with_what_is_kept_and_not_with_the_drive():
     sizes = [
         int(older(count).kept(np.array([(5, k) for k in range(90, count, 8)])).sum())
         for count in (200, 400, 800)
     ]
-    assert sizes == [62, 62, 62]
+    assert sizes == [64, 64, 64]
 
 
 def older(count: int) -> OlderKeyframes:

@@ -7,7 +7,7 @@ import numpy as np
 
 from slam.beams import Beams
 from slam.frontend.kept_keyframes import Keyframes, has_scan
-from slam.frontend.keyframes import Keyframe
+from slam.frontend.keyframes import Keyframe, as_sure_as_before
 from slam.frontend.told_steps import ToldStep
 from slam.se2 import SE2
 
@@ -49,6 +49,20 @@ def test_place_of_a_keyframe_is_all_that_is_left_and_is_what_it_was():
     kept[2] = replace(kept[2], session=7)
     assert kept[2].session == 7
     assert not has_scan(kept, 2)
+
+
+def test_covariance_that_was_changed_is_taken_back_of_a_place_as_well():
+    kept = Keyframes(keyframe(k) for k in range(3))
+    before = kept[1].covariance
+    since = before + 1.0
+    kept[1] = replace(kept[1], covariance=since)
+    kept.keep_place_alone(1)
+    found = as_sure_as_before(kept, {1: (since, before)})
+    assert np.array_equal(found[1].covariance, before)
+    # something else is known of it by now
+    kept[1] = replace(kept[1], covariance=2.0 * since)
+    found = as_sure_as_before(kept, {1: (since, before)})
+    assert np.array_equal(found[1].covariance, 2.0 * since)
 
 
 def test_place_takes_a_few_hundred_bytes():

@@ -23,9 +23,10 @@ def slam_map():
 @pytest.mark.parametrize("every", [1, 7])
 def test_pairs_are_those_near_one_another_in_order_and_evenly_thinned(is_within, every):
     rng = np.random.default_rng(3)
-    poses = rng.uniform(0.0, 6.0, (80, 3))
-    asked = np.flatnonzero(rng.random(80) < 0.7)
-    pieces = rng.integers(0, 3, len(asked))
+    # to and fro through a building, so that many lie too far off, and in a row
+    poses = np.cumsum(rng.normal(0.0, 0.7, (400, 3)), axis=0) % 9.0
+    asked = np.flatnonzero(rng.random(400) < 0.7)
+    pieces = np.sort(rng.integers(0, 3, len(asked)))
     expected = [
         (one, other)
         for a, one in enumerate(asked)
@@ -34,11 +35,11 @@ def test_pairs_are_those_near_one_another_in_order_and_evenly_thinned(is_within,
         and np.hypot(*(poses[one] - poses[other])[:2]) <= 2.0
         and (pieces[a] == pieces[b]) is np.bool_(is_within)
     ]
-    found = np.full((200, 2), -1)
+    found = np.full((2000, 2), -1)
     count = pairs_near(poses, asked, pieces, is_within, 2.0, 10, every, found)
     assert count == len(expected) > 60
     kept = expected[::every]
-    assert found[: len(kept)].tolist() == [list(pair) for pair in kept[:200]]
+    assert found[: len(kept)].tolist() == [list(pair) for pair in kept[:2000]]
     # there may be no room for any
     none = np.empty((0, 2), np.int64)
     assert pairs_near(poses, asked, pieces, is_within, 2.0, 10, 1, none) == count
