@@ -28,6 +28,7 @@ from slam.slam_map import SlamMap
 
 _ASKED_SCANS = 500
 """Of a log, at most twice as many, how far they saw."""
+_ARRAYS = (".npy", ".npz")
 _PICTURES = (".pgm", ".png")
 """Of maps, as map_server and we write them."""
 _DESCRIPTIONS = (".yaml", ".yml")
@@ -91,9 +92,19 @@ def check_is_no_folder(path: Path) -> None:
         raise ValueError(f"{path} is a folder: give {instead}")
 
 
+def _check_are_no_arrays(path: Path) -> None:
+    """Raises ValueError for what NumPy saved in place of a map."""
+    if path.suffix in _ARRAYS and path.exists():
+        raise ValueError(
+            f"{path} is an array file of NumPy: a map is the map.kitasap that slam wrote, or, to"
+            " localise on, a map.yaml with its picture"
+        )
+
+
 def map_to_continue(path: Path) -> SlamMap:
     """One of ours. Raises ValueError or OSError for a file that is none, and says what it seems to be."""
     check_is_no_folder(path)
+    _check_are_no_arrays(path)
     if is_log(path):
         raise ValueError(
             f"{path}: is a log and no map: --map takes the map.kitasap that slam wrote, and the"
@@ -107,8 +118,9 @@ def map_to_continue(path: Path) -> SlamMap:
 
 
 def check_is_map(path: Path) -> None:
-    """Raises ValueError for a folder, a log or a picture in place of a map."""
+    """Raises ValueError for a folder, a log, arrays or a picture in place of a map."""
     check_is_no_folder(path)
+    _check_are_no_arrays(path)
     if is_log(path):
         raise ValueError(
             f"{path}: is a log and no map: the map (map.yaml or map.kitasap) comes first, then"

@@ -279,6 +279,13 @@ def test_map_to_continue_is_refused_in_one_line(folder, tmp_path, capsys):
     assert refusal(capsys, "localize", folder, LOG, "--out", tmp_path / "out") == said
     line = refusal(capsys, "localize", folder / "map.pgm", LOG, "--out", tmp_path / "out")
     assert line.endswith("map.pgm is the picture of a ROS map: give the .yaml that belongs to it")
+    np.savez(tmp_path / "maps.npz", points=np.zeros((3, 2)))
+    for arguments in (
+        ("localize", tmp_path / "maps.npz", LOG),
+        ("slam", LOG, "--map", tmp_path / "maps.npz"),
+    ):
+        line = refusal(capsys, *arguments, "--out", tmp_path / "out")
+        assert "maps.npz is an array file of NumPy" in line
     assert not (tmp_path / "out").exists()
 
 
