@@ -30,14 +30,21 @@ class MemoryGrowth:
             (_PROC / "clear_refs").write_text("5", encoding="ascii")
         self._before_mb, self._mark_mb = resident_mb(), _most_mb()
 
+    def now_mb(self) -> float | None:
+        """By how much more it holds now [MB], 0 where pages from before were given back; None where there is no
+        /proc."""
+        return _more(resident_mb(), self._before_mb)
+
     def most_mb(self) -> float | None:
-        """Until now [MB], 0 where pages from before were given back; None where there is no /proc."""
-        now_mb, mark_mb = resident_mb(), _most_mb()
-        if self._before_mb is None or now_mb is None:
-            return None
+        """By how much more it held at most until now [MB], as `now_mb`."""
+        now_mb, mark_mb = self.now_mb(), _most_mb()
         is_new = mark_mb is not None and self._mark_mb is not None and mark_mb > self._mark_mb
-        most_mb = max(now_mb, mark_mb) if is_new and mark_mb is not None else now_mb
-        return max(most_mb - self._before_mb, 0.0)
+        most_mb = _more(mark_mb, self._before_mb) if is_new else None
+        return now_mb if most_mb is None or now_mb is None else max(now_mb, most_mb)
+
+
+def _more(held_mb: float | None, before_mb: float | None) -> float | None:
+    return None if held_mb is None or before_mb is None else max(held_mb - before_mb, 0.0)
 
 
 def _most_mb() -> float | None:

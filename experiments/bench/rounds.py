@@ -22,7 +22,7 @@ from experiments.bench.buildings import (
 from experiments.bench.drive_troubles import motions
 from experiments.bench.map_end import MOST_M, MOST_RMSE_M
 from experiments.bench.registration_run import one_core
-from experiments.memory import MemoryGrowth, resident_mb
+from experiments.memory import MemoryGrowth
 from experiments.progress import CountProgress
 from experiments.tables import wide_console
 from slam.arrays import FloatArray
@@ -90,9 +90,8 @@ def measured(rounds: int, seed: int) -> RoundsDriven:
     # poses that were drawn beforehand are not the mapper's to be looked through for garbage
     gc.collect()
     gc.freeze()
-    growth, before_mb = MemoryGrowth(), resident_mb()
-    mapper, found = Mapper(log.T_base_laser), list[Rounds]()
-    slowest_s, told = 0.0, 1
+    growth, mapper = MemoryGrowth(), Mapper(log.T_base_laser)
+    found, slowest_s, told = list[Rounds](), 0.0, 1
     with CountProgress("rounds", rounds) as progress:
         for count, one in enumerate(log.measurements(), start=1):
             started_s = time.thread_time()
@@ -100,10 +99,10 @@ def measured(rounds: int, seed: int) -> RoundsDriven:
             slowest_s = max(slowest_s, time.thread_time() - started_s)
             done = count * rounds // log.scan_count
             if done >= told or count == log.scan_count:
-                now_mb, kept = resident_mb(), mapper.keyframes
-                grown_mb = None if now_mb is None or before_mb is None else now_mb - before_mb
-                scans = sum(has_scan(kept, k) for k in range(len(kept)))
-                found.append(Rounds(done, count, len(kept), scans, grown_mb, slowest_s))
+                keyframes = mapper.keyframes
+                kept = sum(has_scan(keyframes, k) for k in range(len(keyframes)))
+                grown_mb = growth.now_mb()
+                found.append(Rounds(done, count, len(keyframes), kept, grown_mb, slowest_s))
                 slowest_s, told = 0.0, 2 * told
                 progress.update(done)
     started_s = time.thread_time()
@@ -121,13 +120,10 @@ def simulated(rounds: int, rng: np.random.Generator) -> tuple[Log, FloatArray]:
     poses = driven(plan, _STEP_M, rng)
     steps = motions(poses)
     told = told_by_wheels(steps, ODOMETRY["usual"], rng)
-    own = np.random.default_rng(rng.integers(2**63))
-    state = own.bit_generator.state
+    seed = int(rng.integers(2**63))
 
     def records() -> Iterator[LogRecord]:
-        again = np.random.default_rng()
-        again.bit_generator.state = state
-        return _records(plan, poses, steps, told, again)
+        return _records(plan, poses, steps, told, np.random.default_rng(seed))
 
     log = Log(
         f"{rounds} rounds", SE2.identity(), len(poses), LogRecords(len(poses), records),

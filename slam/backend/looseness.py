@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from slam.arrays import FloatArray
+from slam.arrays import FloatArray, lengthened
 from slam.frontend.keyframes import Keyframe
 from slam.odometry import place_sigma_m
 
@@ -17,7 +17,7 @@ class Looseness:
     that do not; keyframe by keyframe."""
 
     def __init__(self, keyframes: Sequence[Keyframe] = (), open_: Collection[int] = ()) -> None:
-        self._count, self._sigmas_m = 0, np.zeros(16)  # longer than filled, and doubled when full
+        self._count, self._sigmas_m = 0, np.zeros(16)  # longer than filled
         self._ways_m2 = [0.0]
         for k, keyframe in enumerate(keyframes):
             self.take(keyframe, k in open_)
@@ -30,7 +30,7 @@ class Looseness:
     def take(self, keyframe: Keyframe, is_open: bool) -> None:
         """The next keyframe."""
         if self._count == len(self._sigmas_m):
-            self._sigmas_m = np.concatenate([self._sigmas_m, np.zeros(self._count)])
+            self._sigmas_m = lengthened(self._sigmas_m, self._count)
         way_m2 = self._ways_m2[-1] + place_sigma_m(keyframe.covariance) ** 2
         if is_open:  # until one tells it from the other end
             self._ways_m2.append(way_m2)

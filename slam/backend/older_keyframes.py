@@ -33,7 +33,7 @@ class _Step(NamedTuple):
 
 
 class _Steps(PackedRows[_Step]):
-    """Steps: 97 bytes each."""
+    """Steps: 97 bytes each; beside the keyframes, which are not gone through one by one for each solution."""
 
     DTYPE: ClassVar[np.dtype[Any]] = np.dtype(
         [("motion", "f8", 3), ("covariance", "f8", (3, 3)), ("is_place_alone", "?")]
