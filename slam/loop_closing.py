@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.contradictions import passed
 from slam.frontend.kept_keyframes import has_scan
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
 from slam.kernels.near_keyframes import seen_before
 from slam.kernels.normal_equations import inverse_of
 from slam.se2 import SE2
@@ -72,6 +73,16 @@ class Loop:
 def without_ties(loops: Sequence[Loop]) -> list[Loop]:
     """The loops at which a place is seen again."""
     return [loop for loop in loops if not loop.is_tie]
+
+
+def renumbered(loops: Sequence[Loop], remaining: Remaining) -> list[Loop]:
+    """The loops between keyframes that remain, by their numbers then."""
+    is_kept, number = remaining.is_kept, remaining.number
+    return [
+        replace(loop, earlier=number(loop.earlier), later=number(loop.later))
+        for loop in loops
+        if is_kept[loop.earlier] and is_kept[loop.later]
+    ]
 
 
 class LoopCloser:
@@ -210,12 +221,12 @@ class LoopCloser:
     def _around(
         self, keyframes: Sequence[Keyframe], middle: int, later: int, doubted: Set[int]
     ) -> range:
-        """The keyframes around one, none beyond a place where the scans broke off or a step that is doubted, nor nearer to
-        the later one: where scans are rare it would be compared with itself."""
+        """The keyframes around one, none beyond a gap, a place where the scans broke off or a step that is doubted, nor
+        nearer to the later one: where scans are rare it would be compared with itself."""
         first, last, most = middle, middle, (middle + later) // 2
 
         def is_joined(k: int) -> bool:
-            return not (keyframes[k].is_break or k in doubted)
+            return keyframes[k].goes_on and k not in doubted
 
         while first > max(0, middle - self.config.half) and is_joined(first):
             first -= 1

@@ -109,6 +109,8 @@ class Mapper:
             self._add_keyframe(drive.front_end.keyframes[-1], step.is_open)
         drive.session.look_for_join(drive.front_end.usual_interval_s)
         self.T_map_base = drive.pose_of(step)
+        if step.is_keyframe:
+            drive.let_go()
         return MapperStep(
             step.time_s, self.T_map_base, step.status, step.inlier_ratio, drive.graph.loop_count,
             drive.session.is_joined,

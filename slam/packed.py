@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
@@ -76,6 +76,14 @@ class PackedRows(MadeWhenAsked[_Kept]):
         parts = [block[name] for block in self._blocks] or [np.empty(0, self.DTYPE)[name]]
         return np.concatenate(parts)[: self._count]
 
+    def some(self, rows: np.ndarray) -> Self:
+        """Another list of those of some numbers (R,)."""
+        whole = np.concatenate([*self._blocks, np.empty(0, self.DTYPE)])[rows]
+        other = type(self)()
+        other._blocks = [whole[at : at + _ROWS].copy() for at in range(0, len(whole), _ROWS)]
+        other._count = len(whole)
+        return other
+
     def columns(self, *names: str) -> np.ndarray:
         """(N, ...) some numbers of each."""
         return np.stack([self.column(name) for name in names], axis=1)
@@ -91,6 +99,12 @@ class PackedRows(MadeWhenAsked[_Kept]):
         self._check_open()
         block, row = divmod(range(self._count)[at], _ROWS)
         self._blocks[block][row] = self.packed(thing)
+
+    def _filled(self) -> Iterator[np.ndarray]:
+        """The rows, block by block, to be changed in place. Raises TypeError where it was closed."""
+        self._check_open()
+        for at, block in enumerate(self._blocks):
+            yield block[: self._count - _ROWS * at]
 
     def _check_open(self) -> None:
         if self._is_closed:

@@ -108,6 +108,7 @@ RANKS = (
         "wheel_scale",
         "keyframes",
         "kept_keyframes",
+        "remaining",
         "told_steps",
         "step_factors",
     },

@@ -10,6 +10,7 @@ from slam.backend.looseness import Looseness
 from slam.backend.map_session import MapSession
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe
+from slam.frontend.loose_runs import smoothed
 from slam.frontend.odometry_jumps import OdometryJumps
 from slam.frontend.strays import may_have_strayed
 from slam.frontend.told_steps import ToldStep, ToldSteps
@@ -114,14 +115,38 @@ class Drive:
     def thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw; not of one
         that may have strayed: its scan may be asked once more."""
-        graph, front_end, first = self.graph, self.front_end, self.session.first
-        if index < first or not self.is_crowded(index):
+        graph = self.graph
+        if index < self.session.first or not self.is_crowded(index):
             return
         told, strays = self.told_to_keyframes, self.config.strays
-        if may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
+        if not may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
+            self._keep_place_alone(index)
+
+    def _keep_place_alone(self, index: int) -> None:
+        self.graph.keep_place_alone(index)
+        self.front_end.keep_place_alone(index - self.session.first)
+
+    def let_go(self) -> None:
+        """Lets go of keyframes of long ago, where others saw what they saw: see `OlderKeyframes`."""
+        graph, session, front_end = self.graph, self.session, self.front_end
+        if not session.is_joined:
             return
-        graph.keep_place_alone(index)
-        front_end.keep_place_alone(index - first)
+        remaining = graph.remaining({session.first + k for k in self.monitor.keyframes})
+        if remaining is None:
+            return
+        runs = front_end.loose_runs.settled(self.steps, session.first_step, remaining)
+        if runs:
+            self.steps = smoothed(
+                self.steps, runs, session.first_step, graph.keyframes, graph.poses
+            )
+        own = remaining.after(session.first)
+        self.steps.renumber(remaining, graph.poses)
+        graph.renumber(remaining)
+        front_end.renumber(own)
+        self.monitor.renumber(own)
+        session.renumber(remaining)
+        self.weak_steps.renumber(remaining)
+        self.breaks.renumber(remaining)
 
     def _place_before(self, keyframe: Keyframe) -> None:
         """Has the drive's scans before its first keyframe, which told nothing, seen from that."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -11,15 +11,16 @@ from slam.backend.looseness import Looseness
 from slam.backend.older_keyframes import RECENT, OlderKeyframes
 from slam.frontend.kept_keyframes import Keyframes
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
 from slam.kernels.graph_ways import ways_from
 from slam.kernels.near_keyframes import alike
-from slam.loop_closing import Loop, without_ties
+from slam.loop_closing import Loop, renumbered, without_ties
 from slam.pose_graph import PoseGraph, PoseGraphConfig, PoseGraphSolution, Start
 from slam.se2 import SE2
 from slam.slam_map import add_loop, add_steps, graph_of
 
 _TORN_M = 100.0
-"""Chosen: where the scans broke off, the pose is as uncertain as after so long a way."""
+"""Chosen: where the scans broke off, or keyframes were let go, the pose is as uncertain as after so long a way."""
 
 _FEW_REJECTED = 0.02
 """Share of the loops; chosen: fewer are wrong ones, of the four logs 0.6 % at most, and need no second
@@ -38,7 +39,7 @@ class KeyframeGraph:
         self.loops: list[Loop] = []
         self._step_sigma, self._recent = step_sigma, recent
         self._older = OlderKeyframes(step_sigma, recent)
-        self._graph, self._loop_edges, self._breaks = PoseGraph(), list[int](), list[int]()
+        self._graph, self._loop_edges, self._torn = PoseGraph(), list[int](), list[int]()
         self._held_ends, self._tie_count = _ends_of([]), 0
         self.looseness = Looseness()
 
@@ -62,7 +63,6 @@ class KeyframeGraph:
     def set_poses(self, poses: FloatArray) -> None:
         """Puts the keyframes at poses (K, 3)."""
         self._graph.set_poses(poses)
-        self._older.forget_anchors()
 
     def renew(self, keyframes: Sequence[Keyframe], loops: list[Loop], poses: FloatArray) -> None:
         """All of it anew: keyframes at poses (K, 3), and loops."""
@@ -71,7 +71,7 @@ class KeyframeGraph:
         self.loops = loops
         self._tie_count = len(loops) - len(without_ties(loops))
         self._held_ends = _ends_of(loops)
-        self._breaks = [k for k, keyframe in enumerate(keyframes) if keyframe.is_break]
+        self._torn = [k for k, keyframe in enumerate(keyframes) if not keyframe.goes_on]
         self._older = OlderKeyframes(self._step_sigma, self._recent)
         for keyframe in keyframes:
             self._older.take(keyframe)
@@ -85,8 +85,8 @@ class KeyframeGraph:
         self.looseness.take(keyframe, is_open)
         self._older.take(keyframe)
         self.keyframes.append(keyframe)
-        if keyframe.is_break:
-            self._breaks.append(index)
+        if not keyframe.goes_on:
+            self._torn.append(index)
         if index == 0:
             self._graph.add_node(keyframe.T_map_base)
         else:
@@ -96,11 +96,11 @@ class KeyframeGraph:
     def ways_m(self, index: int) -> FloatArray:
         """(K,) the shortest way from one keyframe to each [m], over steps and the loops that held when
         the poses were solved for last, and were looked at then: the longer, the less is known of how the two lie. Where scans
-        broke off, as much longer as that leaves open."""
+        broke off, or keyframes were let go, as much longer as that leaves open."""
         poses = self.poses
         steps_m = np.zeros(len(poses))
         steps_m[1:] = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        steps_m[self._breaks] += _TORN_M
+        steps_m[self._torn] += _TORN_M
         ends = self._held_ends
         loops_m = np.hypot(*(poses[ends[:, 0], :2] - poses[ends[:, 1], :2]).T)
         ways_m = np.empty(len(poses))
@@ -118,6 +118,33 @@ class KeyframeGraph:
         self.keyframes.keep_place_alone(index)
         self._older.keep_place_alone(index)
 
+    def remaining(self, needed: Collection[int]) -> Remaining | None:
+        """Who remains of the keyframes, see `OlderKeyframes`; needed: these in any case."""
+        if not self._older.may_let_go:
+            return None
+        # those of a run that leaves the way open may be moved as long as it has not ended
+        open_run = range(max(len(self) - 1 - self.looseness.open_count, 0), len(self))
+        return self._older.remaining(self.poses, _ends_of(self.loops), {*needed, *open_run})
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Lets go of keyframes that do not remain, and of their loops."""
+        self._graph, edges = self._graph.part(remaining.is_kept)
+        self.keyframes.renumber(remaining)
+        for k in remaining.ways:
+            at = remaining.number(k)
+            add_steps(self._graph, at, [self.keyframes[at]], self._step_sigma)
+        ends, of_loops = _ends_of(self.loops), np.array(self._loop_edges, np.int64)
+        is_kept = remaining.is_kept[ends].all(axis=1)
+        self._loop_edges = np.searchsorted(edges, of_loops[is_kept]).tolist()
+        self.loops = renumbered(self.loops, remaining)
+        self._tie_count = len(self.loops) - len(without_ties(self.loops))
+        is_kept = remaining.is_kept[self._held_ends].all(axis=1)
+        self._held_ends = remaining.numbers[self._held_ends[is_kept]]
+        torn = {k for k in self._torn if remaining.is_kept[k]} | remaining.ways.keys()
+        self._torn = sorted(map(remaining.number, torn))
+        self.looseness.renumber(remaining)
+        self._older.renumber(remaining)
+
     def take(self, loops: Sequence[Loop]) -> None:
         """More loops."""
         for loop in loops:
@@ -130,7 +157,9 @@ class KeyframeGraph:
         with others: see `OlderKeyframes`."""
         config = PoseGraphConfig(max_iterations=iterations)
         ends = _ends_of(self.loops)
-        poses, edges, rejected = self._older.adjusted(self._graph, self._older.kept(ends), config)
+        poses, edges, rejected = self._older.adjusted(
+            self._graph, self._older.solved_for(ends), config
+        )
         self._graph.set_poses(poses)
         is_held = np.isin(self._loop_edges, edges) & ~np.isin(self._loop_edges, rejected)
         self._held_ends = ends[is_held]

@@ -9,6 +9,7 @@ import numpy as np
 
 from slam.arrays import FloatArray, lengthened
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
 from slam.odometry import place_sigma_m
 
 
@@ -27,10 +28,20 @@ class Looseness:
         """(K,) standard deviation of each; 0 of those that leave nothing open."""
         return self._sigmas_m[: self._count].copy()
 
+    @property
+    def open_count(self) -> int:
+        """How many of the last leave the way open, in a run that has not ended."""
+        return len(self._ways_m2) - 1
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes were let go, none of which belongs to a run that has not ended."""
+        self._sigmas_m = self.sigmas_m[remaining.is_kept]
+        self._count = len(self._sigmas_m)
+
     def take(self, keyframe: Keyframe, is_open: bool) -> None:
         """The next keyframe."""
         if self._count == len(self._sigmas_m):
-            self._sigmas_m = lengthened(self._sigmas_m, self._count)
+            self._sigmas_m = lengthened(self._sigmas_m, max(16, self._count))
         way_m2 = self._ways_m2[-1] + place_sigma_m(keyframe.covariance) ** 2
         if is_open:  # until one tells it from the other end
             self._ways_m2.append(way_m2)

@@ -12,6 +12,7 @@ from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.session_joining import SessionJoiner, set_aside
 from slam.frontend.keyframes import FrontEndStep, Keyframe
+from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import LoopCloser, without_ties
 from slam.map_checks.map_consistency import do_contradict
@@ -119,6 +120,15 @@ class MapSession:
         self._graph.renew(self._graph.keyframes, loops, self._graph.poses)
         self._joiner.reject()
         self.is_joined, self._check_at = False, math.inf
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes were let go, as the session is joined."""
+        self._known_poses = self._known_poses[remaining.is_kept[: self.first]]
+        self.first = remaining.number(self.first)
+        if not math.isinf(self._check_at):
+            self._check_at = remaining.number(int(self._check_at))
+        if self._joiner is not None:
+            self._joiner.renumber(remaining)
 
     def kept_apart(self, poses: FloatArray) -> FloatArray:
         """Poses (K, 3) of all keyframes where the session was not joined: set against nothing, it moves

@@ -11,6 +11,7 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
 from slam.guard.look import Look
 from slam.guard.verdict_limits import VerdictLimits
 from slam.in_steps import Steps, all_at_once
@@ -158,6 +159,11 @@ class SessionJoiner:
         if self._task is not None:
             self._found, self._task, self._announced = all_at_once(self._task), None, 0
         return self.__dict__.copy()
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes were let go, as the session is joined: those looked at next have other numbers."""
+        self._first, self._next = remaining.number(self._first), remaining.number(self._next)
+        self._backlog = [remaining.number(k) for k in self._backlog if remaining.is_kept[k]]
 
     def reject(self) -> None:
         """Takes back the last join, which turned out wrong."""

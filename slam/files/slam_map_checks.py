@@ -18,7 +18,7 @@ _SHAPES: dict[str, tuple[str | int, ...]] = {
         ("keyframe_covariances", "keyframe_told_covariances"), ("keyframes", 3, 3)
     ),
     **dict.fromkeys(
-        ("keyframe_times_s", "keyframe_is_break", "keyframe_sessions", "point_counts",
+        ("keyframe_times_s", "keyframe_is_break", "keyframe_is_after_gap", "keyframe_sessions", "point_counts",
          "beam_counts", "glance_counts"),
         ("keyframes",),
     ),

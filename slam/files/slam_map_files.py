@@ -24,10 +24,10 @@ from slam.se2 import SE2
 from slam.slam_map import SlamMap, graph_of
 from slam.surface.views import Glance
 
-VERSION = 6
+VERSION = 7
 """Of version 1 a map had one session, and did not say so; before 3, keyframes had no glances;
 before 4, no loop was a tie; before 5, no scan left open how far along it was taken; before 6,
-nobody kept what the wheels alone had told."""
+nobody kept what the wheels alone had told; before 7, no keyframe was let go."""
 _KIND = "kitasap slam map"
 _DATE = (1980, 1, 1, 0, 0, 0)
 """Of the members: equal maps make equal bytes."""
@@ -113,6 +113,8 @@ def read_slam_map(path: str | Path) -> SlamMap:
     if version < 6:
         told = [ToldStep.unknown()] * len(arrays["keyframe_times_s"])
         arrays |= _arrays_of_told(told)
+    if version < 7:
+        arrays["keyframe_is_after_gap"] = np.zeros(len(arrays["keyframe_times_s"]), np.bool_)
     try:
         check_arrays(arrays, len(STATUSES))
         for name in MAY_BE_INFINITE:  # one nan is as good as another, but some raise when converted
@@ -137,6 +139,7 @@ def _arrays_of(slam_map: SlamMap) -> _Arrays:
         "keyframe_covariances": _stacked([one.covariance for one in keyframes], (0, 3, 3)),
         **_arrays_of_told([one.told for one in keyframes]),
         "keyframe_is_break": np.array([one.is_break for one in keyframes], dtype=np.bool_),
+        "keyframe_is_after_gap": np.array([one.is_after_gap for one in keyframes], dtype=np.bool_),
         "keyframe_sessions": np.array([one.session for one in keyframes], dtype=np.int64),
         "point_counts": np.array([len(one.points) for one in keyframes], dtype=np.int64),
         "points": _joined([one.points for one in keyframes], (0, 2)),
@@ -195,12 +198,16 @@ def _map_of(arrays: _Arrays) -> SlamMap:
         Keyframe(
             float(time_s), SE2.from_array(pose), SE2.from_array(way), covariance, cloud, fan,
             bool(is_break), int(session), glances, ToldStep(SE2.from_array(told), told_covariance),
+            bool(is_after_gap),
         )
-        for time_s, pose, way, covariance, cloud, fan, is_break, session, glances, told, told_covariance in zip(
+        for (
+            time_s, pose, way, covariance, cloud, fan, is_break, session, glances, told, told_covariance, is_after_gap
+        ) in zip(
             arrays["keyframe_times_s"], arrays["keyframe_poses"], arrays["keyframe_ways"],
             arrays["keyframe_covariances"], points, beams, arrays["keyframe_is_break"],
             arrays["keyframe_sessions"], _glances_of(arrays),
-            arrays["keyframe_told_ways"], arrays["keyframe_told_covariances"], strict=True,
+            arrays["keyframe_told_ways"], arrays["keyframe_told_covariances"],
+            arrays["keyframe_is_after_gap"], strict=True,
         )
     )  # fmt: skip
     loops = tuple(

@@ -19,6 +19,7 @@ from slam.frontend.open_runs import OpenRun
 from slam.frontend.people_along import PeopleAlong
 from slam.frontend.placing import Placing
 from slam.frontend.prediction import Prediction, is_told
+from slam.frontend.remaining import Remaining
 from slam.frontend.seen_before import LastSeen
 from slam.frontend.strays import apart_m
 from slam.frontend.told_steps import ToldStep, told_step
@@ -207,6 +208,17 @@ class FrontEnd:
         """Lets go of the scan of a keyframe that has left the window, and of those after it."""
         self.keyframes.keep_place_alone(index)
         self.glances[index] = _NONE
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Lets go of keyframes of the session that do not remain, none of which belongs to an open run that has not ended."""
+        self._open_run.renumber(remaining)
+        self.keyframes.renumber(remaining)
+        self.glances = [self.glances[k] for k in remaining.kept.tolist()]
+        self.scaled_steps = self.scaled_steps.some(remaining.kept)
+        for k in remaining.ways:  # past others, it is no longer by the wheels' scale
+            at = remaining.number(k)
+            self.scaled_steps[at] = replace(self.scaled_steps[at], slope=np.zeros(3))
+        self.ties = []
 
     def _seen(self, beams: Beams) -> FloatArray:
         """(N, 3) the faced points of a scan; none where the laser is blocked."""

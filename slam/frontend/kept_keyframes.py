@@ -8,19 +8,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
 from slam.packed import MadeWhenAsked, PackedRows
 from slam.se2 import SE2
 
 
 class _Places(PackedRows[Keyframe]):
-    """Keyframes of which no more than the place is kept: 229 bytes each."""
+    """Keyframes of which no more than the place is kept: 230 bytes each."""
 
     DTYPE: ClassVar[np.dtype[Any]] = np.dtype(
         [
             ("time_s", "f8"), ("T_map_base", "f8", 3), ("T_before", "f8", 3),
             ("covariance", "f8", (3, 3)), ("is_break", "?"), ("session", "i4"), ("told", "f8", 3),
-            ("told_covariance", "f8", (3, 3)),
+            ("told_covariance", "f8", (3, 3)), ("is_after_gap", "?"),
         ]
     )  # fmt: skip
 
@@ -30,16 +31,27 @@ class _Places(PackedRows[Keyframe]):
         return (
             thing.time_s, thing.T_map_base.as_array(), thing.T_before.as_array(), thing.covariance,
             thing.is_break, thing.session, thing.told.motion.as_array(), thing.told.covariance,
+            thing.is_after_gap,
         )  # fmt: skip
 
     @staticmethod
     def unpacked(row: tuple[Any, ...]) -> Keyframe:
         """See `PackedRows`."""
-        time_s, T_map_base, T_before, covariance, is_break, session, told, told_covariance = row
+        (
+            time_s,
+            T_map_base,
+            T_before,
+            covariance,
+            is_break,
+            session,
+            told,
+            told_covariance,
+            is_after_gap,
+        ) = row
         return Keyframe.of_place(
             time_s, SE2.from_array(T_map_base), SE2.from_array(T_before), covariance.copy(),
             is_break=is_break, session=session,
-            told=ToldStep(SE2.from_array(told), told_covariance.copy()),
+            told=ToldStep(SE2.from_array(told), told_covariance.copy()), is_after_gap=is_after_gap,
         )  # fmt: skip
 
 
@@ -70,6 +82,20 @@ class Keyframes(MadeWhenAsked[Keyframe]):
         if not isinstance(thing, int):
             self._places.append(thing)
             self._things[at] = len(self._places) - 1
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Lets go of those that do not remain."""
+        things = [self._things[k] for k in remaining.kept.tolist()]
+        rows = np.array([thing for thing in things if isinstance(thing, int)], np.int64)
+        self._places, numbers = self._places.some(rows), iter(range(len(rows)))
+        self._things = [next(numbers) if isinstance(one, int) else one for one in things]
+        for k, way in remaining.ways.items():
+            at = remaining.number(k)
+            keyframe, thing = self._one(at).after_gap(way), self._things[at]
+            if isinstance(thing, int):
+                self._places[thing] = keyframe
+            else:
+                self._things[at] = keyframe
 
     def has_scan(self, at: int) -> bool:
         """Whether more than the place of one is kept."""

@@ -12,8 +12,10 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.beams import Beams
+from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
 from slam.packed import PackedRows
+from slam.pose_arrays import between, composed
 from slam.records import record
 from slam.se2 import SE2
 from slam.surface.surface_map import faced
@@ -41,7 +43,8 @@ class Keyframe:
     wheels alone. points: (N, 2) [m], base frame; beams: the
     scan itself. is_break: the scans broke off before it. session: in which it was taken, from 0;
     T_map_base is in the frame of that session, which its first scan is the origin of. glances: some
-    of the scans between it and the next.
+    of the scans between it and the next. is_after_gap: others between the one before and it were let
+    go, see `Remaining`.
     """
 
     time_s: float
@@ -54,6 +57,7 @@ class Keyframe:
     session: int = 0
     glances: tuple[Glance, ...] = ()
     told: ToldStep = field(default_factory=ToldStep.unknown)
+    is_after_gap: bool = False
 
     @cached_property
     def faced(self) -> FloatArray:
@@ -64,6 +68,18 @@ class Keyframe:
     def is_place_alone(self) -> bool:
         """Whether only its place is kept: others saw what it saw."""
         return len(self.beams) == 0
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether it was taken next to the one before, and scans did not break off in between."""
+        return not (self.is_break or self.is_after_gap)
+
+    def after_gap(self, way: ToldStep) -> Keyframe:
+        """The same after others that were let go, with the way past these."""
+        return replace(
+            self, T_before=way.motion, covariance=way.covariance, told=ToldStep.unknown(),
+            is_after_gap=True,
+        )  # fmt: skip
 
     def place_alone(self) -> Keyframe:
         """The same without its scan and glances."""
@@ -79,11 +95,12 @@ class Keyframe:
         is_break: bool,
         session: int,
         told: ToldStep,
+        is_after_gap: bool,
     ) -> Keyframe:
         """One without a scan."""
         return Keyframe(
             time_s, T_map_base, T_before, covariance, _NO_POINTS, _NO_BEAMS, is_break, session,
-            told=told,
+            told=told, is_after_gap=is_after_gap,
         )  # fmt: skip
 
 
@@ -97,6 +114,13 @@ def as_sure_as_before(
         if np.array_equal(found[k].covariance, since):
             found[k] = replace(found[k], covariance=before)
     return found
+
+
+def said_of(
+    changed: Mapping[int, tuple[FloatArray, FloatArray]], remaining: Remaining
+) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """What was changed of keyframes that remain, see `as_sure_as_before`, by their numbers then."""
+    return {remaining.number(k): said for k, said in changed.items() if remaining.is_kept[k]}
 
 
 @record
@@ -130,6 +154,7 @@ class FrontEndStep:
         return SE2.from_array(poses[self.keyframe]) @ self.T_keyframe_base
 
 
+_WAY = "x_m", "y_m", "theta_rad"
 STATUSES = tuple(StepStatus)
 """By the numbers that are kept of them."""
 
@@ -169,6 +194,23 @@ class FrontEndSteps(PackedRows[FrontEndStep]):
             *rest,
         )
 
+    def renumber(self, remaining: Remaining, poses: FloatArray) -> None:
+        """Has scans that were seen from keyframes which are let go, at poses (K, 3), seen from those beside them."""
+        for rows in self._filled():
+            keyframes = rows["keyframe"]
+            is_seen = keyframes >= 0
+            is_gone = is_seen.copy()
+            is_gone[is_seen] = ~remaining.is_kept[keyframes[is_seen]]
+            gone = keyframes[is_gone]
+            anchors = remaining.anchors[gone]
+            ways = np.stack([rows[name][is_gone] for name in _WAY], axis=1)
+            ways = composed(between(poses[anchors], poses[gone]), ways)
+            for name, values in zip(_WAY, ways.T, strict=True):
+                rows[name][is_gone] = values
+            rows["is_keyframe"][is_gone] = False
+            keyframes[is_gone] = anchors
+            keyframes[is_seen] = remaining.numbers[keyframes[is_seen]]
+
 
 Steps = TypeVar("Steps", list[FrontEndStep], FrontEndSteps)
 """Of which `copy.copy` makes others, to be changed."""
@@ -179,3 +221,18 @@ def scan_poses(steps: Sequence[FrontEndStep], poses: FloatArray) -> tuple[FloatA
     told = ((step.time_s, *step.placed(poses).as_array().tolist()) for step in steps)
     rows: FloatArray = np.fromiter(told, np.dtype((np.float64, 4)), len(steps))
     return rows[:, 0], rows[:, 1:]
+
+
+def keyframe_ways(steps: Sequence[FrontEndStep], first_step: int) -> list[tuple[int, int]]:
+    """Of the scans from first_step on: each that is a keyframe's, and the next such one, where all in between are seen
+    from the first."""
+    ways, start, keyframe = list[tuple[int, int]](), -1, -1
+    for at in range(first_step, len(steps)):
+        step = steps[at]
+        if step.is_keyframe:
+            if start >= 0:
+                ways.append((start, at))
+            start, keyframe = at, step.keyframe
+        elif step.keyframe != keyframe:  # those next to it were let go
+            start = -1
+    return ways

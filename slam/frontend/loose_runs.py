@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import Keyframe, Steps
+from slam.frontend.keyframes import FrontEndStep, Keyframe, Steps
+from slam.frontend.remaining import Remaining
 from slam.kernels.normal_equations import inverse_of
 from slam.packed import PackedRows
 from slam.records import record
@@ -110,6 +111,22 @@ class LooseRuns:
         if self._scans:
             self.ended.append(LooseRun(self._first, copy(self._scans)))  # no longer than it is
             self._scans = LooseScans()
+
+    def settled(
+        self, steps: Sequence[FrontEndStep], first_step: int, remaining: Remaining
+    ) -> list[LooseRun]:
+        """Takes out the runs that keyframes tell of which are let go; steps: all, those of the session from first_step
+        on."""
+        is_kept = remaining.is_kept
+
+        def stays(run: LooseRun) -> bool:
+            first = first_step + run.first
+            ends = steps[first].keyframe, steps[first + len(run.scans)].keyframe
+            return all(k < 0 or is_kept[k] for k in ends)
+
+        gone = [run for run in self.ended if not stays(run)]
+        self.ended = [run for run in self.ended if stays(run)] if gone else self.ended
+        return gone
 
 
 def smoothed(

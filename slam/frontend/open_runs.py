@@ -13,6 +13,7 @@ from slam.arrays import FloatArray, diagonal_of
 from slam.frontend.front_end_config import FrontEndConfig
 from slam.frontend.kept_keyframes import Keyframes
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop
@@ -50,6 +51,11 @@ class OpenRun:
             self._first = -1
         elif self.is_empty:
             self._first = index
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes before the run were let go."""
+        if not self.is_empty:
+            self._first = remaining.number(self._first)
 
     def seen_from_before(
         self,

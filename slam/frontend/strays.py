@@ -66,7 +66,7 @@ def without_strays(
     keyframes were put back.
     """
     config = config or StrayConfig()
-    search, stays = _Search(keyframes, told, config, SurfaceMap(surfaces)), set[int]()
+    search, stays = StraySearch(keyframes, told, config, SurfaceMap(surfaces)), set[int]()
     while True:
         found, moved_poses, strays = _put_back(keyframes, poses, search, stays, config)
         alone = {k for k in strays if k + 1 not in strays and search.is_torn(poses, moved_poses, k)}
@@ -80,7 +80,7 @@ def without_strays(
 def _put_back(
     keyframes: Sequence[Keyframe],
     poses: FloatArray,
-    search: _Search,
+    search: StraySearch,
     stays: Set[int],
     config: StrayConfig,
 ) -> tuple[list[Keyframe], FloatArray, set[int]]:
@@ -121,8 +121,8 @@ def may_have_strayed(
     return any(apart_m(way, SE2.from_array(poses[k])) >= config.least_m for k, way in ways)
 
 
-class _Search:
-    """Looks for keyframes on the way between their neighbours."""
+class StraySearch:
+    """Looks for keyframes on the way between their neighbours. told: see `without_strays`."""
 
     def __init__(
         self,
@@ -151,6 +151,8 @@ class _Search:
         keyframes, before, after = self._keyframes, k - 1, k + run
         # those that come back to the way may fit nothing that the strays saw
         if any(one.is_break for one in keyframes[k:after]) or keyframes[k].is_place_alone:
+            return None
+        if any(one.is_after_gap for one in keyframes[k : after + 1]):
             return None
         T_now = SE2.from_array(poses[k])
         T_way = _way(keyframes, poses, k, (before, after), self._told[k - self.first])
@@ -216,8 +218,8 @@ def surfaces_beside(
     """Adds the surfaces that keyframes at poses (K, 3) saw up to one and from another on, as far as they stand."""
     before, after = ends
     first, last = max(before - config.half + 1, 0), min(after + config.half, len(keyframes))
-    first = max((k for k in range(first, after) if keyframes[k].is_break), default=first)
-    last = min((k for k in range(after + 1, last) if keyframes[k].is_break), default=last)
+    first = max((k for k in range(first, after) if not keyframes[k].goes_on), default=first)
+    last = min((k for k in range(after + 1, last) if not keyframes[k].goes_on), default=last)
     witnesses = Witnesses(keyframes[first:last], poses[first:last], config.margins, config.aside_m)
     for k in (*range(first, before + 1), *range(after, last)):
         standing = keyframes[k].faced[witnesses.stands(k - first)]

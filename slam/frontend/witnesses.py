@@ -74,14 +74,14 @@ class Witnesses:
         return self._stands[k]
 
     def _beside(self, k: int) -> Iterator[int]:
-        """Keyframes just before and after one, none beyond a place where the scans broke off."""
+        """Keyframes just before and after one, none beyond a gap or a place where the scans broke off."""
         keyframes = self._keyframes
         for step in (-1, 1):
             for off in range(1, _BESIDE + 1):
                 beside = k + step * off
                 if (
                     not 0 <= beside < len(keyframes)
-                    or keyframes[max(beside, beside - step)].is_break
+                    or not keyframes[max(beside, beside - step)].goes_on
                 ):
                     break
                 if has_scan(keyframes, beside):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from slam.arrays import BoolArray, FloatArray, IntArray
+from slam.arrays import BoolArray, FloatArray
 from slam.kernels import compiled
 from slam.kernels.normal_equations import carry_into
 from slam.kernels.pose_graph import wrapped
@@ -34,17 +34,6 @@ def ways_over(
             of_ways[k] = covariance
             x = y = theta = 0.0
             covariance[:] = 0.0
-
-
-@compiled
-def go_along(before: FloatArray, anchors: IntArray, is_moved: BoolArray, poses: FloatArray) -> None:
-    """Into poses (K, 3), some of which were moved from before (K, 3): those that have one of these for an anchor,
-    (K,), -1 of none, as they lay beside it; they are moved from then on."""
-    is_first = is_moved.copy()
-    for j in range(poses.shape[0]):
-        if not is_first[j] and anchors[j] >= 0 and is_first[anchors[j]]:
-            poses[j, 0], poses[j, 1], poses[j, 2] = _along(before, poses, anchors[j], j)
-            is_moved[j] = True
 
 
 @compiled

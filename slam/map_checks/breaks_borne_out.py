@@ -11,9 +11,10 @@ from dataclasses import replace
 
 from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
-from slam.frontend.keyframes import as_sure_as_before
+from slam.frontend.keyframes import as_sure_as_before, said_of
+from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
-from slam.loop_closing import Loop
+from slam.loop_closing import Loop, renumbered
 from slam.map_checks.lone_loops import LEAST_NOISE, lone_loops
 from slam.map_checks.ways_over_breaks import seen_ways, sure_ways
 from slam.odometry import place_sigma_m
@@ -44,6 +45,11 @@ class BreaksBorneOut:
         self._break_sigma, self._step_sigma = break_sigma, step_sigma
         self._said = dict[int, tuple[FloatArray, FloatArray]]()
         self.let_go: list[Loop] = []
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes were let go."""
+        self._said = said_of(self._said, remaining)
+        self.let_go = renumbered(self.let_go, remaining)
 
     def believe(self, graph: KeyframeGraph, told: Sequence[ToldStep]) -> None:
         """Makes the ways of a graph over breaks as sure as the wheels, where these may be right; told: of the

@@ -10,6 +10,7 @@ from itertools import groupby
 import numpy as np
 
 from slam.frontend.keyframes import FrontEndStep, StepStatus
+from slam.frontend.remaining import Remaining
 from slam.map_checks.compared_ways import ComparedWays
 from slam.measurements import Measurement
 from slam.se2 import SE2
@@ -97,6 +98,25 @@ class DriveMonitor:
                 self._ways.take(measurement.motion, variance_m2, moved, step)
             self._turned_together += math.copysign(1.0, measurement.motion.theta) * moved.theta
             self._turned_by_wheels += abs(measurement.motion.theta)
+
+    @property
+    def keyframes(self) -> set[int]:
+        """Of the session, those at the ends of what it remembers."""
+        stretches = (*self._long, self._open)
+        ends = (k for one in stretches for k in (one.first, one.last))
+        return {k for k in (*ends, self._seen_from) if k >= 0}
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes of the session were let go, none of which is one of `keyframes`."""
+
+        def moved(one: _Stretch) -> _Stretch:
+            return replace(one, first=number(one.first), last=number(one.last))
+
+        def number(k: int) -> int:
+            return remaining.number(k) if k >= 0 else k
+
+        self._long, self._open = [moved(one) for one in self._long], moved(self._open)
+        self._seen_from = number(self._seen_from)
 
     def _is_unknown(self, stretch: _Stretch) -> bool:
         """Whether neither scans nor wheels tell how far the robot went."""

@@ -59,7 +59,7 @@ def driven_through(
     for k in range(1, len(keyframes)):
         start_m, end_m = poses[k - 1, :2], poses[k, :2]
         length_m = math.hypot(*(end_m - start_m))
-        if keyframes[k].is_break or not 0.0 < length_m <= _LONGEST_STEP_M:
+        if not keyframes[k].goes_on or not 0.0 < length_m <= _LONGEST_STEP_M:
             continue
         near = np.array(tree.query_ball_point((start_m + end_m) / 2.0, length_m / 2.0 + _ON_M), int)
         near = near[np.abs(owners[near] - k) > _APART]

@@ -9,10 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import pairwise
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import FrontEndStep, Steps
+from slam.frontend.keyframes import FrontEndStep, Steps, keyframe_ways
 from slam.frontend.strays import apart_m
 from slam.frontend.told_steps import ToldStep
 from slam.se2 import SE2
@@ -33,8 +32,7 @@ def with_followers_left(
     from where it is.
     """
     found = copy(steps)
-    ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
-    for start, end in pairwise(ends):
+    for start, end in keyframe_ways(steps, first_step):
         k = steps[start].keyframe
         if k not in moved:
             continue

@@ -11,13 +11,12 @@ from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from slam.arrays import BoolArray, FloatArray
 from slam.beams import POINTS_WITHIN_M
-from slam.frontend.keyframes import FrontEndStep, Keyframe, Steps
+from slam.frontend.keyframes import FrontEndStep, Keyframe, Steps, keyframe_ways
 from slam.frontend.strays import (
     StrayConfig,
     apart_m,
@@ -103,10 +102,9 @@ def _jumped_runs(
 ) -> list[tuple[int, int]]:
     """The steps of two keyframes between which there are scans, none of them told of by wheels, that jumped."""
     has_jumped = _jumped_alone(steps[first_step:], told, poses)
-    ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
     return [
         (start, end)
-        for start, end in pairwise(ends)
+        for start, end in keyframe_ways(steps, first_step)
         if end > start + 1
         and has_jumped[start - first_step : end - first_step].any()
         and all(one.is_guess for one in told[start + 1 - first_step : end + 1 - first_step])

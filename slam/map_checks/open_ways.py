@@ -97,10 +97,11 @@ def _told(slam_map: SlamMap, front_end: FrontEnd) -> list[Keyframe]:
     is_open |= {
         k
         for k, keyframe in enumerate(slam_map.keyframes[first + 1 :], start=first + 1)
-        if not keyframe.is_break  # what is known over these, loops say
+        if keyframe.goes_on  # what is known over breaks, loops say
         and min(place_sigma_m(one.covariance) for one in (keyframe, front_end.keyframes[k - first]))
         > math.sqrt(_LITTLE_TOLD) * place_sigma_m(keyframe.told.covariance)
     }
+    is_open |= {k for k, keyframe in enumerate(slam_map.keyframes) if keyframe.is_after_gap}
     # what the scan itself tells of the way to these, their ties say
     is_open |= {loop.later for loop in (*slam_map.loops, *slam_map.rejected) if loop.is_tie}
     return [

@@ -11,12 +11,12 @@ import operator
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from itertools import accumulate, pairwise
+from itertools import accumulate
 
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import Steps
+from slam.frontend.keyframes import Steps, keyframe_ways
 from slam.frontend.open_runs import EXACTLY, tied
 from slam.frontend.told_steps import ToldStep
 from slam.frontend.wheel_scale import WheelScale
@@ -62,8 +62,7 @@ def with_scans_put_back(
     """
     noise = wheel_scale.noise if noise is None else max(noise, _LEAST_NOISE)
     moved = copy(steps)
-    ends = [at for at in range(first_step, len(steps)) if steps[at].is_keyframe]
-    for start, end in pairwise(ends):
+    for start, end in keyframe_ways(steps, first_step):
         if end == start + 1:
             continue
         before, after = (SE2.from_array(poses[steps[at].keyframe]) for at in (start, end))

@@ -11,7 +11,8 @@ import numpy as np
 
 from slam.arrays import FloatArray
 from slam.backend.keyframe_graph import KeyframeGraph
-from slam.frontend.keyframes import FrontEndStep, Keyframe, as_sure_as_before
+from slam.frontend.keyframes import FrontEndStep, Keyframe, as_sure_as_before, said_of
+from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
 from slam.kernels.normal_equations import inverse_of
 from slam.loop_closing import Loop, LoopCloser
@@ -41,6 +42,12 @@ class WeakSteps:
 
     def __init__(self) -> None:
         self._said = dict[int, tuple[FloatArray, FloatArray]]()
+
+    def renumber(self, remaining: Remaining) -> None:
+        """Keyframes were let go."""
+        said = said_of(self._said, remaining)
+        self._said.clear()  # not another one: who closes loops looks at it as well
+        self._said.update(said)
 
     def loosen(
         self,

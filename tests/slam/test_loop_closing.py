@@ -8,7 +8,7 @@ import pytest
 
 from slam import SE2
 from slam.frontend.keyframes import Keyframe
-from slam.loop_closing import Loop, LoopCloser
+from slam.loop_closing import Loop, LoopCloser, LoopConfig
 from tests.slam.frontend.test_open_runs import kept
 from tests.slam.synthetic import box, room
 
@@ -49,6 +49,14 @@ def test_what_is_seen_beyond_a_doubted_step_says_nothing_of_a_loop(doubted, off_
     loop = closer.verified(keyframes, poses, 7, len(keyframes) - 1, (0.3, 0.0))
     assert loop is not None
     assert loop.T_earlier_later.is_near(SE2(0.4 + off_m, 0.0, 0.0), 0.05, 0.01)
+
+
+@pytest.mark.parametrize(("gap", "around"), [(25, range(8, 25)), (0, range(8, 33))])
+def test_what_is_seen_beyond_a_gap_is_not_held_against_a_scan(gap, around):
+    keyframe = kept(WALLS, SE2.identity(), np.random.default_rng(5))
+    keyframes = [replace(keyframe, is_after_gap=k == gap) for k in range(100)]
+    closer = LoopCloser(LoopConfig(half=12))
+    assert closer._around(keyframes, 20, 99, set()) == around
 
 
 def test_loops_do_not_span_a_doubted_step_but_ties_do():

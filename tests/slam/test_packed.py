@@ -72,6 +72,20 @@ def test_what_is_changed_in_a_copy_is_not_in_the_first(count):
     assert FrontEndSteps().column("is_open").tolist() == []
 
 
+def test_some_of_them_are_a_list_of_their_own():
+    steps = FrontEndSteps(replace(step(), keyframe=k) for k in range(2500))
+    rows = np.flatnonzero(np.arange(2500) % 2)
+    found = steps.some(rows)
+    assert [one.keyframe for one in found] == rows.tolist()
+    for k in range(1500):  # beyond the block that is not full
+        found.append(replace(step(), keyframe=-k))
+    found[3] = replace(step(), keyframe=7000)
+    assert [one.keyframe for one in found[-2:]] == [-1498, -1499]
+    assert found[3].keyframe == 7000
+    assert [one.keyframe for one in steps[:10]] == list(range(10))
+    assert len(steps.some(rows[:0])) == len(FrontEndSteps().some(rows[:0])) == 0
+
+
 def test_what_is_closed_is_read_only_but_for_copies():
     steps = FrontEndSteps(step() for _ in range(3)).close()
     with pytest.raises(TypeError, match="read only"):

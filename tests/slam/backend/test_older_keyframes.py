@@ -1,24 +1,26 @@
 """Keyframes of long ago, taken together: the same poses by a smaller graph."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
-from slam.arrays import diagonal_of
+from slam.arrays import IntArray, diagonal_of
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.older_keyframes import OlderKeyframes
 from slam.backend.rescaling import chained
 from slam.beams import Beams
 from slam.frontend.keyframes import Keyframe
-from slam.kernels.condensed_graph import follow, go_along, ways_over
+from slam.frontend.remaining import Remaining
+from slam.kernels.condensed_graph import follow, ways_over
 from slam.loop_closing import Loop
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.metrics import absolute_errors
 from slam.odometry import compose_covariance
 from slam.pose_graph import PoseGraph
-from slam.se2 import SE2
+from slam.se2 import SE2, wrap_angle
+from slam.slam_map import graph_of
 from tests.slam import ring
 
 STEP_SIGMA = (0.003, 0.003, 0.001)
@@ -33,10 +35,31 @@ def keyframe(T_before: SE2, is_kept: bool = True) -> Keyframe:
     return Keyframe(0.0, SE2.identity(), T_before, SPREAD, np.zeros((count, 2)), beams, False)
 
 
-def laps(count: int, rng: np.random.Generator, recent: int, *, is_thinned: bool) -> KeyframeGraph:
+@dataclass
+class Driven:
+    """A graph of a drive, and of each of its keyframes, (K,), how many steps were driven until then."""
+
+    graph: KeyframeGraph
+    steps: IntArray
+
+    def let_go(self) -> Remaining | None:
+        """Lets keyframes go, if there are enough to be let go of."""
+        remaining = self.graph.remaining(())
+        if remaining is not None:
+            self.graph.renumber(remaining)
+            self.steps = self.steps[remaining.kept]
+        return remaining
+
+    def off_m(self) -> float:
+        """How far poses are off at most."""
+        return off_m(self.graph.poses, squares(int(self.steps[-1]) + 1)[self.steps])
+
+
+def laps(count: int, rng: np.random.Generator, recent: int, *, is_thinned: bool) -> Driven:
     """Around a square, with noise; each eighth keyframe sees again what one of the first lap saw. Of all
-    but three laps, where they are thinned, no more than places are kept."""
+    but three laps, where they are thinned, no more than places are kept, until they are let go."""
     graph, lap = KeyframeGraph(STEP_SIGMA, recent), 4 * SIDE
+    driven = Driven(graph, np.zeros(1, np.int64))
     true = [SE2.identity()]
     root = np.linalg.cholesky(SPREAD + diagonal_of(STEP_SIGMA))
     graph.add(keyframe(SE2.identity()))
@@ -44,14 +67,17 @@ def laps(count: int, rng: np.random.Generator, recent: int, *, is_thinned: bool)
         way = way_to(k)
         true.append(true[-1] @ way)
         graph.add(keyframe(way @ SE2.exp(root @ rng.normal(size=3))))
+        driven.steps = np.append(driven.steps, k)
         if k > lap and k % 8 == 0:
             seen = true[k % lap].between(true[k]) @ SE2.exp(rng.normal(0.0, 0.01, 3))
-            graph.take([Loop(k % lap, k, seen, np.eye(3) / 0.01**2, 1.0, 0.0)])
+            graph.take([Loop(k % lap, len(graph) - 1, seen, np.eye(3) / 0.01**2, 1.0, 0.0)])
         if is_thinned and k - 10 > 3 * lap:
-            graph.keep_place_alone(k - 10)
+            graph.keep_place_alone(len(graph) - 11)
         if k > lap and k % 8 == 0:
             graph.adjust(2)
-    return graph
+        if is_thinned:
+            driven.let_go()
+    return driven
 
 
 def way_to(k: int) -> SE2:
@@ -103,18 +129,6 @@ def test_poses_between_two_go_along_with_both():
     assert np.allclose(poses[:, 2], before[:, 2])
 
 
-def test_who_has_an_anchor_lies_beside_it_as_before():
-    before = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.5, 0.2], [4.0, 4.0, 1.0]])
-    poses, anchors = before.copy(), np.array([-1, -1, 1, 2])
-    poses[1] = [1.0, 1.0, np.pi / 2]
-    is_moved = np.array([True, True, False, False])
-    go_along(before, anchors, is_moved, poses)
-    assert np.allclose(poses[2], [0.5, 1.0, np.pi / 2 + 0.2])
-    # whose anchor was not moved itself is left to those before and after it
-    assert np.allclose(poses[3], before[3])
-    assert is_moved.tolist() == [True, True, True, False]
-
-
 def test_broken_step_is_not_taken_together_with_others():
     graph = KeyframeGraph(STEP_SIGMA, 5)
     for k in range(40):
@@ -131,36 +145,39 @@ def test_broken_step_is_not_taken_together_with_others():
 def test_smaller_graph_of_all_that_loops_hold_has_the_same_poses(seed):
     small = laps(3, np.random.default_rng(seed), 10, is_thinned=False)
     whole = laps(3, np.random.default_rng(seed), 10_000, is_thinned=False)
-    true = squares(len(small))
-    assert off_m(chained(list(small.keyframes), true, 0), true) > 0.3
-    assert off_m(whole.poses, true) < 0.12
+    true = squares(len(small.graph))
+    assert off_m(chained(list(small.graph.keyframes), true, 0), true) > 0.3
+    assert whole.off_m() < 0.12
     # those in between by their neighbours, not by what a step's own covariance leaves of a bend
-    assert off_m(small.poses, whole.poses) < 0.02
+    assert off_m(small.graph.poses, whole.graph.poses) < 0.02
 
 
-def test_laps_of_which_places_are_kept_move_with_what_was_seen_first():
+def test_laps_of_which_places_are_let_go_leave_as_good_a_graph():
     small = laps(6, np.random.default_rng(1), 60, is_thinned=True)
     whole = laps(6, np.random.default_rng(1), 10_000, is_thinned=True)
-    true = squares(len(small))
-    assert off_m(whole.poses, true) < 0.12
-    # steps alone, or with none to go along with, were 0.2 to 0.3 m off
-    assert off_m(small.poses, true) < 0.15
+    assert whole.off_m() < 0.12
+    # the first lap's, and a few more; steps alone would be 0.2 to 0.3 m off
+    assert len(small.graph) < 0.8 * len(whole.graph)
+    assert small.off_m() < 0.15
 
 
 def out_of_a_room(recent: int) -> tuple[float, float]:
     """Twelve laps, of all but the first three of which places alone are kept, and out by a corridor: how far the robot
     is off there [m], and the way from the first keyframe on."""
     rng = np.random.default_rng(2)
-    graph = laps(12, rng, recent, is_thinned=True)
-    root, first = np.linalg.cholesky(SPREAD + diagonal_of(STEP_SIGMA)), len(graph)
+    driven = laps(12, rng, recent, is_thinned=True)
+    graph, first = driven.graph, int(driven.steps[-1]) + 1
+    root = np.linalg.cholesky(SPREAD + diagonal_of(STEP_SIGMA))
     true = SE2.from_array(squares(first)[-1])
     for k in range(first, first + 160):
         true = true @ SE2(0.3, 0.0, 0.0)
         graph.add(keyframe(SE2(0.3, 0.0, 0.0) @ SE2.exp(root @ rng.normal(size=3))))
+        driven.steps = np.append(driven.steps, k)
         if k - 10 < first:
-            graph.keep_place_alone(k - 10)
+            graph.keep_place_alone(len(graph) - 11)
         if k % 8 == 0:
             graph.adjust(1)
+        driven.let_go()
     off = SE2.from_array(graph.poses[-1]).between(true)
     return float(np.hypot(off.x, off.y)), float(graph.ways_m(len(graph) - 1)[0])
 
@@ -177,28 +194,73 @@ def test_last_keyframe_is_always_solved_for():
         OlderKeyframes(STEP_SIGMA, 0)
 
 
-def test_places_that_were_moved_go_along_with_those_who_are_near_then():
-    graph = laps(6, np.random.default_rng(1), 60, is_thinned=True)
-    older, poses = graph._older, graph.poses
+def test_graph_grows_with_what_is_kept_and_not_with_the_drive():
+    drives = [laps(count, np.random.default_rng(1), 60, is_thinned=True) for count in (8, 12, 16)]
+    sizes = [len(one.graph) for one in drives]
+    loops = [len(one.graph.loops) for one in drives]
+    assert max(sizes) - min(sizes) <= 10
+    assert max(loops) - min(loops) <= 5
+    assert max(one.off_m() for one in drives) < 0.2
+
+
+def test_graph_of_those_that_remain_is_the_one_made_of_them_anew():
+    driven = laps(6, np.random.default_rng(1), 10_000, is_thinned=True)
+    graph = driven.graph
+    older = OlderKeyframes(STEP_SIGMA, 60)
+    for one in graph.keyframes:
+        older.take(one)
     ends = np.array([(one.earlier, one.later) for one in graph.loops])
-    is_kept = older.kept(ends)
-    is_place = np.array([one.is_place_alone for one in graph.keyframes]) & ~is_kept
-    anchors = older._anchored(poses, is_kept)
-    assert is_place.sum() > 100
-    assert (anchors[is_place] >= 0).all()
-    assert np.hypot(*(poses[anchors[is_place]] - poses[is_place])[:, :2].T).max() < 2.0
-    poses[is_place, 0] += 20.0  # as of a session that was joined elsewhere
-    assert (older._anchored(poses, is_kept)[is_place] >= 0).all()
-    graph.set_poses(poses)
-    assert (older._anchored(poses, is_kept)[is_place] < 0).all()
+    remaining = older.remaining(graph.poses, ends, ())
+    held = graph.ways_m(0)
+    graph.renumber(remaining)
+    anew = graph_of(graph.keyframes, graph.loops, graph.poses, STEP_SIGMA)
+    assert graph._graph.edge_count == anew.edge_count
+    for name in ("ends", "measured", "information", "edge_kernels"):
+        one, other = (getattr(of, name)[np.lexsort(of.ends.T)] for of in (graph._graph, anew))
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
+    of_loops = graph._graph.ends[graph._loop_edges].tolist()
+    assert of_loops == [[one.earlier, one.later] for one in graph.loops]
+    # a way past those that are gone is as unsure as one over a break
+    after_gap = [k for k, one in enumerate(graph.keyframes) if one.is_after_gap]
+    assert after_gap == sorted(map(remaining.number, remaining.ways))
+    assert graph.ways_m(0)[after_gap[0] - 1] == pytest.approx(
+        held[remaining.kept[after_gap[0] - 1]]
+    )
 
 
-def test_graph_that_is_solved_grows_with_what_is_kept_and_not_with_the_drive():
-    sizes = [
-        int(older(count).kept(np.array([(5, k) for k in range(90, count, 8)])).sum())
-        for count in (200, 400, 800)
-    ]
-    assert sizes == [64, 64, 64]
+def test_scans_are_seen_from_who_is_near():
+    driven = laps(6, np.random.default_rng(1), 10_000, is_thinned=True)
+    older = OlderKeyframes(STEP_SIGMA, 60)
+    for one in driven.graph.keyframes:
+        older.take(one)
+    poses = driven.graph.poses
+    remaining = older.remaining(poses, np.array([(5, 250)]), {300})
+    gone = np.flatnonzero(~remaining.is_kept)
+    assert len(gone) > 100
+    assert remaining.is_kept[[0, 250, 300]].all()
+    anchors = remaining.anchors[gone]
+    assert remaining.is_kept[anchors].all()
+    assert np.hypot(*(poses[anchors] - poses[gone])[:, :2].T).max() < 0.5
+    assert np.abs(wrap_angle(poses[anchors, 2] - poses[gone, 2])).max() < 0.2
+    # a session's own: another one may turn out to lie elsewhere
+    other = OlderKeyframes(STEP_SIGMA, 60)
+    for k, one in enumerate(driven.graph.keyframes):
+        other.take(replace(one, session=int(k >= 240), is_break=k == 240))
+    remaining = other.remaining(poses, np.array([(5, 250)]), ())
+    gone = np.flatnonzero(~remaining.is_kept)
+    assert gone.min() > 240
+    anchors = remaining.anchors[gone]
+    assert anchors.min() >= 240
+    assert remaining.is_kept[anchors].all()
+    assert np.hypot(*(poses[anchors] - poses[gone])[:, :2].T).max() < 2.0
+
+
+def test_too_few_are_not_let_go_of():
+    poses, none = np.zeros((100, 3)), np.empty((0, 2), np.int64)
+    assert older(80 + 60 + 5).remaining(np.zeros((145, 3)), none, ()) is None
+    assert older(100).remaining(poses, none, ()) is None
+    found = older(200).remaining(np.zeros((200, 3)), none, ())
+    assert np.flatnonzero(~found.is_kept).tolist() == list(range(80, 140))
 
 
 def older(count: int) -> OlderKeyframes:
@@ -218,12 +280,15 @@ def test_drive_is_mapped_by_the_smaller_graph(monkeypatch):
         sizes.append(graph.node_count)
         return solve(graph, *args, **kwargs)
 
+    taken, add = [], KeyframeGraph.add
+    monkeypatch.setattr(KeyframeGraph, "add", lambda *args: taken.append(args) or add(*args))
     monkeypatch.setattr(PoseGraph, "solve", counted)
     online = [
         mapper.update(one).T_map_base
         for one in ring.drive(poses, np.random.default_rng(0), 1.01, 1.005)
     ]
-    assert max(sizes) < 0.7 * len(mapper._drive.graph)
+    assert max(sizes) < 0.7 * len(taken)
+    assert len(mapper.keyframes) < 0.8 * len(taken)
     true = np.array([pose.as_array() for pose in poses])
     errors = absolute_errors(np.array([pose.as_array() for pose in online]), true)
     assert errors.position_m.rmse < 0.3

@@ -112,6 +112,21 @@ def test_what_wheels_told_is_kept_and_maps_of_version_5_do_not_know_it(slam_map,
     np.testing.assert_allclose(again.graph.solve().poses, slam_map.graph.solve().poses, atol=1e-6)
 
 
+def test_gaps_are_kept_and_maps_of_version_6_have_none(slam_map, tmp_path):
+    path, old = tmp_path / "map.kitasap", tmp_path / "old.kitasap"
+    gaps = [k in (5, 9) for k in range(len(slam_map.keyframes))]
+    keyframes = [
+        replace(one, is_after_gap=gap) for one, gap in zip(slam_map.keyframes, gaps, strict=True)
+    ]
+    write_slam_map(path, replace(slam_map, keyframes=tuple(keyframes)))
+    assert [one.is_after_gap for one in read_slam_map(path).keyframes] == gaps
+    with np.load(path) as file:
+        arrays = {name: array for name, array in file.items() if "after_gap" not in name}
+    with old.open("wb") as out:
+        np.savez(out, **arrays | {"version": np.array(6)})
+    assert not any(one.is_after_gap for one in read_slam_map(old).keyframes)
+
+
 def test_empty_map_is_kept_too(tmp_path):
     write_slam_map(tmp_path / "map.kitasap", Mapper(ring.T_BASE_LASER).finish())
     assert read_slam_map(tmp_path / "map.kitasap").poses.shape == (0, 3)

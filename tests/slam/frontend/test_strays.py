@@ -90,6 +90,13 @@ def test_scans_that_come_back_to_the_way_may_have_broken_off(slam_map):
     assert without_strays(torn, [], pushed(slam_map, AT), told)[3] == []
 
 
+@pytest.mark.parametrize("gap", [AT, AT + 1])
+def test_where_those_next_to_it_were_let_go_nobody_knows_the_way(slam_map, gap):
+    torn, told = list(slam_map.keyframes), told_by(slam_map.keyframes, SURE)
+    torn[gap] = replace(torn[gap], is_after_gap=True)
+    assert without_strays(torn, [], pushed(slam_map, AT), told)[3] == []
+
+
 def test_map_without_strays_stays_as_it_is(slam_map):
     told = told_by(slam_map.keyframes, SURE)
     keyframes, loops, poses, put_back = without_strays(

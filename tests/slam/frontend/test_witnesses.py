@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,12 @@ def test_nobody_beyond_a_break_says_what_stands():
     torn = [of_beams(one.T_map_base, one.beams, k in (3, 4)) for k, one in enumerate(keyframes)]
     assert witnesses(torn, POSES).stands(3).all()
     assert not witnesses(keyframes, POSES).stands(3).all()
+
+
+def test_nobody_beyond_a_gap_says_what_stands():
+    keyframes = with_somebody(3)
+    torn = [replace(one, is_after_gap=k in (3, 4)) for k, one in enumerate(keyframes)]
+    assert witnesses(torn, POSES).stands(3).all()
 
 
 def test_wall_along_which_a_scan_looks_says_nothing():

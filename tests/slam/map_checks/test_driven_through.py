@@ -1,5 +1,7 @@
 """What a robot drove through: a wall, or somebody who stood on the way then."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,3 +31,13 @@ def test_what_reaches_no_farther_than_a_door_is_no_wall(reaches_m, walls):
     poses = np.array([one.T_map_base.as_array() for one in keyframes])
     (found,) = driven_through(keyframes, poses, ConsistencyConfig().margins)
     assert (found.scans, found.walls) == (1, walls)
+
+
+def test_from_before_a_gap_to_after_it_nobody_drove_straight():
+    across = np.column_stack([np.full(200, 2.6), np.linspace(-0.9, 0.9, 200)])
+    nothing = np.zeros((0, 2))
+    keyframes = [keyframe(x, nothing) for x in np.arange(0.0, 5.0, 0.25)]
+    keyframes += [keyframe(5.0, nothing)] * 11 + [keyframe(5.0, across)]
+    poses = np.array([one.T_map_base.as_array() for one in keyframes])
+    keyframes[11] = replace(keyframes[11], is_after_gap=True)
+    assert driven_through(keyframes, poses, ConsistencyConfig().margins) == []

@@ -197,6 +197,8 @@ def test_scans_that_broke_off_may_be_anywhere_but_where_they_come_back_to_the_wa
     poses, torn = aside([AT, AT + 1], SE2(0.0, 0.5, 0.0)), list(KEYFRAMES)
     torn[AT] = replace(torn[AT], is_break=True)
     assert put_on_the_way(torn, [], poses, told())[3] == []
+    torn[AT] = replace(KEYFRAMES[AT], is_after_gap=True)
+    assert put_on_the_way(torn, [], poses, told())[3] == []
     torn = list(KEYFRAMES)
     torn[AT + 2] = replace(torn[AT + 2], is_break=True, covariance=0.25 * np.eye(3))
     found, _, _, put_back = put_on_the_way(torn, [], poses, told())

@@ -1,0 +1,168 @@
+"""A robot that drives round a room over and over: keyframes are let go, and nothing else is worse for it."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from slam.files.slam_map_files import read_slam_map, write_slam_map
+from slam.frontend.keyframes import StepStatus
+from slam.mapper_config import MapperConfig
+from slam.mapping import Mapper
+from slam.measurements import Measurement
+from slam.metrics import absolute_errors
+from slam.se2 import SE2
+from slam.slam_map import SlamMap
+from tests.slam import ring
+from tests.slam.synthetic import box, room
+
+WALLS = np.concatenate(
+    [
+        room(-1.0, -1.0, 5.0, 3.0), box(1.0, 1.0, 3.0, 2.0), box(4.5, -1.0, 5.0, -0.6),
+        box(-1.0, 2.4, -0.5, 3.0), box(2.0, -1.0, 2.4, -0.8), box(3.6, 2.6, 4.2, 3.0),
+    ]
+)  # fmt: skip
+CORNERS = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.4], [0.0, 2.4], [0.0, 0.0]])
+SCANS = 80
+"""Of a round."""
+ROUNDS, KEYFRAMES = 7, 305
+"""That are driven, and that are taken then."""
+FEW = MapperConfig(crowd=3, recent=70)
+
+
+def way(rounds: int) -> list[SE2]:
+    poses, heading = list[SE2](), 0.0
+    for _ in range(rounds):
+        for start, end in pairwise(CORNERS):
+            length_m = float(np.hypot(*(end - start)))
+            along = math.atan2(*(end - start)[::-1])
+            while abs(turn := math.remainder(along - heading, math.tau)) > 1e-6:
+                heading += min(turn, 0.4)
+                poses.append(SE2(*start, heading))
+            places = (
+                start + share * (end - start) for share in np.arange(0.0, 1.0, 0.2 / length_m)
+            )
+            poses += [SE2(*place, heading) for place in places]
+    return poses
+
+
+def drive(poses: list[SE2], seed: int = 0) -> list[Measurement]:
+    return ring.drive(poses, np.random.default_rng(seed), 1.005, 1.01, WALLS)
+
+
+def by_scans_alone(one: Measurement) -> Measurement:
+    return replace(one, motion=SE2.identity(), motion_covariance=np.eye(3))
+
+
+def driven(measurements: list[Measurement], config: MapperConfig) -> Mapper:
+    mapper = Mapper(ring.T_BASE_LASER, config)
+    for one in measurements:
+        mapper.update(one)
+    return mapper
+
+
+def off_m(found: SlamMap, poses: list[SE2]) -> float:
+    """At most."""
+    true = np.array([pose.as_array() for pose in poses])
+    return absolute_errors(found.trajectory.poses, true).position_m.max
+
+
+@pytest.fixture(scope="module")
+def rounds() -> list[Measurement]:
+    return drive(way(ROUNDS))
+
+
+@pytest.fixture(scope="module")
+def slam_map(rounds) -> SlamMap:
+    return driven(rounds, FEW).finish()
+
+
+def test_keyframes_grow_with_the_room_and_every_scan_has_its_place(rounds, slam_map):
+    fewer = driven(rounds[: 5 * SCANS], FEW)
+    assert len(slam_map.keyframes) < len(fewer.keyframes) + 20
+    assert len(slam_map.keyframes) < 0.6 * KEYFRAMES
+    assert any(one.is_after_gap for one in slam_map.keyframes)
+    assert slam_map.verdict.is_good
+    assert len(slam_map.steps) == len(rounds)
+    # 4 mm by all keyframes
+    assert off_m(slam_map, way(ROUNDS)) < 0.01
+
+
+def test_drive_goes_on_after_its_map_was_asked_for(rounds):
+    mapper, third = driven(rounds[: 4 * SCANS], FEW), slice(4 * SCANS, 6 * SCANS)
+    first = mapper.finish()
+    count = len(mapper.keyframes)
+    steps = [mapper.update(one) for one in rounds[third]]
+    assert all(one.status is StepStatus.MATCHED for one in steps)
+    assert len(mapper.keyframes) < count + 40
+    for one in rounds[6 * SCANS :]:
+        mapper.update(one)
+    found = mapper.finish()
+    assert found.verdict.is_good
+    assert off_m(found, way(ROUNDS)) < 0.01
+    # the one before is what it was
+    assert len(first.steps) == 4 * SCANS
+    assert off_m(first, way(ROUNDS)[: 4 * SCANS]) < 0.01
+
+
+def test_map_with_gaps_is_kept_and_continued(slam_map, tmp_path):
+    path = tmp_path / "map.kitasap"
+    write_slam_map(path, slam_map)
+    known = read_slam_map(path)
+    write_slam_map(tmp_path / "again.kitasap", known)
+    assert path.read_bytes() == (tmp_path / "again.kitasap").read_bytes()
+    poses = way(4)[30:]
+    mapper = Mapper.continued(known, ring.T_BASE_LASER, poses[0], FEW)
+    steps = [mapper.update(one) for one in drive(poses, 7)]
+    assert steps[-1].is_joined
+    # of those of both sessions
+    assert len(mapper.keyframes) < len(known.keyframes) + 60
+    found = mapper.finish()
+    assert found.verdict.is_good
+    assert found.unjoined == ()
+    true = np.array([pose.as_array() for pose in poses])
+    assert absolute_errors(found.trajectory_of(1).poses, true).position_m.max < 0.02
+    assert off_m(found, [*way(ROUNDS), *poses]) < 0.02
+    assert found.localizer(ring.T_BASE_LASER) is not None
+
+
+def test_session_that_was_joined_wrongly_is_a_piece_of_its_own_again(slam_map):
+    poses = way(3)
+    mapper = Mapper.continued(slam_map, ring.T_BASE_LASER, poses[0], FEW)
+    for one in drive(poses, 8):
+        mapper.update(one)
+    session = mapper._drive.session
+    assert session.is_joined
+    assert session.first < len(slam_map.keyframes)  # some of the map's were let go
+    session.unjoin()
+    graph = mapper._drive.graph
+    apart = session.kept_apart(graph.poses)
+    assert apart.shape == graph.poses.shape
+    of_map = [k for k in range(session.first) if not graph.keyframes[k].is_place_alone]
+    assert all(graph.keyframes[k].session == 0 for k in of_map)
+    before = {
+        one.time_s: pose for one, pose in zip(slam_map.keyframes, slam_map.poses, strict=True)
+    }
+    for k in of_map:
+        assert np.allclose(apart[k], before[graph.keyframes[k].time_s])
+    # it is looked for among those that it is one of now
+    joiner = session._joiner
+    assert (joiner._first, joiner._next) == (session.first, joiner._next)
+    assert session.first <= joiner._next <= len(graph)
+    for one in drive(way(2), 9)[1:]:
+        mapper.update(one)
+    assert mapper._drive.session.is_joined
+
+
+@pytest.mark.parametrize("blind", [4, 8])
+def test_scans_that_tell_nothing_lie_where_wheels_led_between_those_that_do(rounds, blind):
+    hidden = rounds
+    for first in range(20, len(rounds), SCANS):
+        hidden = ring.blinded(hidden, first, first + blind)
+    mapper = driven(hidden, FEW)
+    assert any(one.is_after_gap for one in mapper.keyframes)
+    settled = len(mapper._drive.front_end.loose_runs.ended)
+    assert settled < len(rounds) // SCANS
+    assert off_m(mapper.finish(), way(ROUNDS)) < 0.05
