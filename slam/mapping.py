@@ -155,4 +155,5 @@ class Mapper:
             self._has_new = False
         if drive.session.is_joined:
             drive.thin_crowd(index - 2 * config.front_end.window)
+            drive.look_again()
         drive.session.check()

@@ -141,6 +141,7 @@ RANKS = (
         "loose_runs",
         "looseness",
         "older_keyframes",
+        "second_look",
         "open_runs",
         "odometry_jumps",
         "contradictions",

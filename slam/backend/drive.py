@@ -8,6 +8,7 @@ from dataclasses import replace
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.backend.looseness import Looseness
 from slam.backend.map_session import MapSession
+from slam.backend.second_look import SecondLook
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe
 from slam.frontend.loose_runs import smoothed
@@ -42,6 +43,7 @@ class Drive:
         self.weak_steps = WeakSteps()
         self.breaks = BreaksBorneOut(config.front_end.break_sigma, config.step_sigma)
         self.jumps = OdometryJumps()
+        self._second_look = SecondLook(config.recent, config.strays, config.front_end.surfaces)
         self.monitor = DriveMonitor(config.front_end.blind_m[0])
 
     def follow(self, slam_map: SlamMap, start: SE2 | None) -> None:
@@ -121,6 +123,14 @@ class Drive:
         told, strays = self.told_to_keyframes, self.config.strays
         if not may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
             self._keep_place_alone(index)
+
+    def look_again(self) -> None:
+        """Keeps no more than the place of a keyframe of long ago, if others saw enough, where it has not strayed
+        though it might have."""
+        graph = self.graph
+        k = self._second_look.next(graph.keyframes, graph.poses, self.told_to_keyframes)
+        if k is not None and graph.keyframes.has_scan(k) and self.is_crowded(k):
+            self._keep_place_alone(k)
 
     def _keep_place_alone(self, index: int) -> None:
         self.graph.keep_place_alone(index)

@@ -166,3 +166,14 @@ def test_scans_that_tell_nothing_lie_where_wheels_led_between_those_that_do(roun
     settled = len(mapper._drive.front_end.loose_runs.ended)
     assert settled < len(rounds) // SCANS
     assert off_m(mapper.finish(), way(ROUNDS)) < 0.05
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_rounds_without_wheels_that_are_believed_are_mapped_as_well(rounds, is_told):
+    config = replace(FEW, is_odometry_doubted=is_told)
+    if not is_told:
+        rounds = [by_scans_alone(one) for one in rounds]
+    found = driven(rounds, config).finish()
+    assert len(found.keyframes) < 0.7 * KEYFRAMES
+    assert found.verdict.is_good, found.verdict.reasons
+    assert off_m(found, way(ROUNDS)) < 0.02
