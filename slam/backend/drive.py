@@ -111,8 +111,7 @@ class Drive:
 
     def is_crowded(self, index: int) -> bool:
         """Whether there are scans enough from about where a keyframe is."""
-        config = self.config
-        return self.graph.is_crowded(index, (config.crowd_m, config.crowd_rad), config.crowd)
+        return self._is_crowded(index)
 
     def thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw; not of one
@@ -129,8 +128,14 @@ class Drive:
         though it might have."""
         graph = self.graph
         k = self._second_look.next(graph.keyframes, graph.poses, self.told_to_keyframes)
-        if k is not None and graph.keyframes.has_scan(k) and self.is_crowded(k):
+        # by those before it: what was seen first stays, however often it is seen again
+        if k is not None and graph.keyframes.has_scan(k) and self._is_crowded(k, range(k + 1)):
             self._keep_place_alone(k)
+
+    def _is_crowded(self, index: int, by: range | None = None) -> bool:
+        config = self.config
+        near = config.crowd_m, config.crowd_rad
+        return self.graph.is_crowded(index, near, config.crowd, by)
 
     def _keep_place_alone(self, index: int) -> None:
         self.graph.keep_place_alone(index)

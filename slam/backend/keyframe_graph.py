@@ -107,11 +107,15 @@ class KeyframeGraph:
         ways_from(index, steps_m, ends, loops_m, ways_m)
         return ways_m
 
-    def is_crowded(self, index: int, near: tuple[float, float], most: int) -> bool:
-        """Whether more scans than that are kept from so near (m, rad) to where a keyframe is."""
+    def is_crowded(
+        self, index: int, near: tuple[float, float], most: int, by: range | None = None
+    ) -> bool:
+        """Whether more scans than that are kept from so near (m, rad) to where a keyframe is; by: of these
+        keyframes, None: of all."""
         found = np.empty(len(self), np.int64)
         count = alike(self.poses, index, *near, found)
-        return sum(map(self.keyframes.has_scan, found[:count].tolist())) > most
+        of_all = (k for k in found[:count].tolist() if by is None or k in by)
+        return sum(map(self.keyframes.has_scan, of_all)) > most
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of all but the place of a keyframe."""

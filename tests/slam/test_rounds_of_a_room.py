@@ -174,6 +174,9 @@ def test_rounds_without_wheels_that_are_believed_are_mapped_as_well(rounds, is_t
     if not is_told:
         rounds = [by_scans_alone(one) for one in rounds]
     found = driven(rounds, config).finish()
-    assert len(found.keyframes) < 0.7 * KEYFRAMES
+    assert len(found.keyframes) < 0.75 * KEYFRAMES
     assert found.verdict.is_good, found.verdict.reasons
     assert off_m(found, way(ROUNDS)) < 0.02
+    # what was seen first stays, however often it is seen again: else the map wanders
+    first = [one for one in found.keyframes if one.time_s < 0.2 * SCANS]
+    assert sum(not one.is_place_alone for one in first) > 40
