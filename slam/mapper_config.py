@@ -24,8 +24,8 @@ class MapperConfig:
     drift_m, drift_rad: by which two keyframes may lie otherwise for each metre of the shortest way
     between them, over steps and loops, start_m, start_rad beside that; most_drift: (m, rad) that is
     looked for at most. solve_every: keyframes after which the poses are adjusted, if there are new
-    loops, by so many online_iterations at most; recent: keyframes all of which are, see
-    `OlderKeyframes`. step_sigma: (m, m, rad) of the motion between two keyframes beside
+    loops, by so many online_iterations at most; recent: keyframes all of which are, and
+    none of which is let go, see `OlderKeyframes`. step_sigma: (m, m, rad) of the motion between two keyframes beside
     what the front end says. crowd: keyframes within crowd_m and crowd_rad of one, of which no more
     scans are kept, and of those asked for loops but one in crowd_every: memory and time grow with the
     map, not with the drive. patient_rounds, patient_inlier_ratio: of loops looked for where a map does
