@@ -153,7 +153,6 @@ class Mapper:
         if self._has_new and index % config.solve_every == 0:
             drive.graph.adjust(config.online_iterations)
             self._has_new = False
-        if drive.session.is_joined:
-            drive.thin_crowd(index - 2 * config.front_end.window)
-            drive.look_again()
+        drive.thin_crowd(index - 2 * config.front_end.window)
+        drive.look_again()
         drive.session.check()

@@ -111,13 +111,13 @@ class Drive:
 
     def is_crowded(self, index: int) -> bool:
         """Whether there are scans enough from about where a keyframe is."""
-        return self._is_crowded(index)
+        return self._is_crowded(index, len(self.graph))
 
     def thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw; not of one
         that may have strayed: its scan may be asked once more."""
-        graph = self.graph
-        if index < self.session.first or not self.is_crowded(index):
+        graph, session = self.graph, self.session
+        if not session.first <= index < session.asked_from or not self.is_crowded(index):
             return
         told, strays = self.told_to_keyframes, self.config.strays
         if not may_have_strayed(graph.keyframes, graph.poses, index, told, strays):
@@ -128,14 +128,18 @@ class Drive:
         though it might have."""
         graph = self.graph
         k = self._second_look.next(graph.keyframes, graph.poses, self.told_to_keyframes)
+        if k is None or k >= self.session.asked_from or not graph.keyframes.has_scan(k):
+            return
         # by those before it: what was seen first stays, however often it is seen again
-        if k is not None and graph.keyframes.has_scan(k) and self._is_crowded(k, range(k + 1)):
+        if self._is_crowded(k, k + 1):
             self._keep_place_alone(k)
 
-    def _is_crowded(self, index: int, by: range | None = None) -> bool:
-        config = self.config
+    def _is_crowded(self, index: int, end: int) -> bool:
+        """By the scans of keyframes before one, of which it is known where they lie."""
+        comparable, config = self.session.comparable, self.config
+        first = 0 if comparable is None else comparable.start
         near = config.crowd_m, config.crowd_rad
-        return self.graph.is_crowded(index, near, config.crowd, by)
+        return self.graph.is_crowded(index, near, config.crowd, range(first, end))
 
     def _keep_place_alone(self, index: int) -> None:
         self.graph.keep_place_alone(index)
@@ -144,8 +148,6 @@ class Drive:
     def let_go(self) -> None:
         """Lets go of keyframes of long ago, where others saw what they saw: see `OlderKeyframes`."""
         graph, session, front_end = self.graph, self.session, self.front_end
-        if not session.is_joined:
-            return
         remaining = graph.remaining({session.first + k for k in self.monitor.keyframes})
         if remaining is None:
             return

@@ -107,15 +107,13 @@ class KeyframeGraph:
         ways_from(index, steps_m, ends, loops_m, ways_m)
         return ways_m
 
-    def is_crowded(
-        self, index: int, near: tuple[float, float], most: int, by: range | None = None
-    ) -> bool:
-        """Whether more scans than that are kept from so near (m, rad) to where a keyframe is; by: of these
-        keyframes, None: of all."""
+    def is_crowded(self, index: int, near: tuple[float, float], most: int, by: range) -> bool:
+        """Whether more scans than that are kept from so near (m, rad) to where a keyframe is, by: of these
+        keyframes."""
         found = np.empty(len(self), np.int64)
         count = alike(self.poses, index, *near, found)
-        of_all = (k for k in found[:count].tolist() if by is None or k in by)
-        return sum(map(self.keyframes.has_scan, of_all)) > most
+        near_by = (k for k in found[:count].tolist() if k in by)
+        return sum(map(self.keyframes.has_scan, near_by)) > most
 
     def keep_place_alone(self, index: int) -> None:
         """Lets go of all but the place of a keyframe."""

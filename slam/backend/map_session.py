@@ -68,6 +68,13 @@ class MapSession:
         """The keyframes of which it is known where they lie as seen from the last one; None: all."""
         return None if self.is_joined else range(self.first, len(self._graph))
 
+    @property
+    def asked_from(self) -> int:
+        """The first keyframe of which the scan may yet show where the session lies."""
+        if self.is_joined or self._joiner is None:
+            return len(self._graph)
+        return self._joiner.asked_from
+
     def own(self, keyframe: Keyframe) -> Keyframe:
         """The next keyframe, as one of the map; the first of a session is seen from no other."""
         index = len(self._graph)
@@ -122,7 +129,7 @@ class MapSession:
         self.is_joined, self._check_at = False, math.inf
 
     def renumber(self, remaining: Remaining) -> None:
-        """Keyframes were let go, as the session is joined."""
+        """Keyframes were let go."""
         self._known_poses = self._known_poses[remaining.is_kept[: self.first]]
         self.first = remaining.number(self.first)
         if not math.isinf(self._check_at):

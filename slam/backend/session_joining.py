@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from slam.arrays import FloatArray
+from slam.frontend.kept_keyframes import has_scan
 from slam.frontend.keyframes import Keyframe
 from slam.frontend.remaining import Remaining
 from slam.guard.look import Look
 from slam.guard.verdict_limits import VerdictLimits
 from slam.in_steps import Steps, all_at_once
 from slam.known_map import KnownMap, laser_seen
-from slam.loop_closing import Loop, LoopCloser
+from slam.loop_closing import Loop, LoopCloser, renumbered
 from slam.lost import Guard
 from slam.map_checks.map_consistency import ConsistencyConfig
 from slam.pose_arrays import composed
@@ -118,6 +119,11 @@ class SessionJoiner:
         self._T_last: SE2 | None = None
         self._loops: list[Loop] = []
 
+    @property
+    def asked_from(self) -> int:
+        """The first keyframe that may yet be looked at."""
+        return min([self._next - 1 - max(self.config.back, self.config.tried), *self._backlog])
+
     def look(
         self,
         keyframes: Sequence[Keyframe],
@@ -161,8 +167,11 @@ class SessionJoiner:
         return self.__dict__.copy()
 
     def renumber(self, remaining: Remaining) -> None:
-        """Keyframes were let go, as the session is joined: those looked at next have other numbers."""
+        """Keyframes were let go, none of those from `asked_from` on: those looked at next have other numbers."""
+        if self._task is not None:  # begun by the numbers before
+            self._task, self._announced, self._next = None, 0, self._next - 1
         self._first, self._next = remaining.number(self._first), remaining.number(self._next)
+        self._loops = renumbered(self._loops, remaining)
         self._backlog = [remaining.number(k) for k in self._backlog if remaining.is_kept[k]]
 
     def reject(self) -> None:
@@ -174,6 +183,10 @@ class SessionJoiner:
     def _looked_at(self, index: int) -> Steps[Join | None]:
         """What one keyframe adds, a piece at a time."""
         config = self.config
+        if not has_scan(
+            self._keyframes, index
+        ):  # thinned out while the session seemed to be joined
+            return None
         if self._place is None:
             place, is_sure = yield from self._searched(index)
             if place is None:

@@ -9,6 +9,8 @@ import pytest
 
 from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.frontend.keyframes import StepStatus
+from slam.frontend.remaining import Remaining
+from slam.frontend.told_steps import ToldStep
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.measurements import Measurement
@@ -154,6 +156,69 @@ def test_session_that_was_joined_wrongly_is_a_piece_of_its_own_again(slam_map):
     for one in drive(way(2), 9)[1:]:
         mapper.update(one)
     assert mapper._drive.session.is_joined
+
+
+ELSEWHERE = np.concatenate(
+    [
+        room(-1.5, -1.2, 9.0, 1.2), box(2.0, 0.6, 2.6, 1.2), box(5.0, -1.2, 5.3, -0.7),
+        box(7.0, 0.9, 7.9, 1.2),
+    ]
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def elsewhere() -> SlamMap:
+    poses = [SE2(x, 0.0, 0.0) for x in np.arange(0.0, 7.5, 0.15)]
+    return driven(ring.drive(poses, np.random.default_rng(1), 1.0, 1.0, ELSEWHERE), FEW).finish()
+
+
+@pytest.mark.parametrize("start", [None, SE2(3.0, 0.0, 1.0)])
+def test_session_that_is_never_joined_grows_with_the_room_too(elsewhere, rounds, start):
+    mapper = Mapper.continued(elsewhere, ring.T_BASE_LASER, start, FEW)
+    steps = [mapper.update(one) for one in rounds]
+    assert not steps[-1].is_joined
+    assert len(mapper.keyframes) < len(elsewhere.keyframes) + 0.75 * KEYFRAMES
+    found = mapper.finish()
+    assert found.unjoined == (1,)
+    true = np.array([pose.as_array() for pose in way(ROUNDS)])
+    assert absolute_errors(found.trajectory_of(1).poses, true).position_m.max < 0.02
+    assert len(found.steps) == len(elsewhere.steps) + len(rounds)
+
+
+def test_scans_of_a_map_do_not_crowd_a_session_that_may_be_anywhere(slam_map):
+    mapper = Mapper.continued(slam_map, ring.T_BASE_LASER, None, FEW)
+    poses = [SE2(x, 0.0, 0.0) for x in np.arange(0.0, 4.0, 0.15)]
+    for one in ring.drive(poses, np.random.default_rng(1), 1.0, 1.0, ELSEWHERE):
+        mapper.update(one)
+    drive = mapper._drive
+    own = range(drive.session.first, len(drive.graph))
+    assert not any(drive.is_crowded(k) for k in own)
+    # where it is joined, as the first ones of it would be
+    drive.session.is_joined = True
+    assert any(drive.is_crowded(k) for k in own)
+
+
+def test_search_that_was_begun_when_keyframes_were_let_go_is_begun_anew(elsewhere, rounds):
+    mapper = Mapper.continued(elsewhere, ring.T_BASE_LASER, None, FEW)
+    measurements, session = iter(rounds), mapper._drive.session
+    joiner = session._joiner
+    while joiner._task is None or len(mapper.keyframes) < len(elsewhere.keyframes) + 20:
+        mapper.update(next(measurements))
+    next_, count = joiner._next, len(mapper.keyframes)
+    graph = mapper._drive.graph
+    is_kept = ~np.isin(np.arange(count), [3, 4, session.first + 1])
+    step = ToldStep(SE2(0.6, 0.0, 0.0), 0.01 * np.eye(3))
+    ways = {5: step, session.first + 2: step}
+    remaining = Remaining(is_kept, np.where(is_kept, np.arange(count), 2), ways)
+    own = remaining.after(session.first)
+    graph.renumber(remaining)
+    mapper._drive.front_end.renumber(own)
+    session.renumber(remaining)
+    assert (joiner._task, joiner._next) == (None, next_ - 1 - 3)
+    assert joiner._first == session.first == len(elsewhere.keyframes) - 2
+    for one in measurements:
+        mapper.update(one)
+    assert mapper.finish().unjoined == (1,)
 
 
 @pytest.mark.parametrize("blind", [4, 8])
