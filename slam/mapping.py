@@ -28,7 +28,8 @@ to the next."""
 
 @record
 class MapperStep:
-    """One scan, placed: the pose on the map as it is so far, and how it was found.
+    """One scan, placed: the pose on the map as it is so far, and how it was found. loops: among the keyframes that
+    are kept by now.
 
     is_joined: False while no scan has shown where on the map a second session lies. The pose is then
     what follows from the start that was given, or as seen from the session's first one.

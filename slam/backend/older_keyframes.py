@@ -71,19 +71,19 @@ class Adjusted(NamedTuple):
 
 
 class OlderKeyframes:
-    """Says which of a graph's keyframes, but for the last ones, are solved for, and which are let go of.
+    """Of a graph's keyframes but the last ones: which are solved for, and which are let go.
 
-    To some no loop leads: they go along with those before and after them. Of others no more than the place is kept,
-    since others saw what they saw: these are let go of for good, and what their loops say is left to those others;
-    scans that were seen from one are seen from the nearest that remains. The ways past either are their steps', one
-    after the other, as marginalising a chain gives. At both ends of such a way past those that are let go of, the
-    outermost that a loop holds stays: else what comes after would hang by all the steps alone. A robot that stays in
-    one place, however long, has as many keyframes as the place is large, and as scans broke off.
+    Those to which no loop leads go along with the keyframes before and after them. Those of which the place alone is
+    kept, since others saw what they saw, are let go for good: what their loops say is left to those others, and scans
+    that were seen from one are seen from the nearest that remains. The step past either is the steps on the way, one
+    after the other, as marginalising a chain gives. At both ends of a run that is let go the outermost that a loop
+    holds remain: else what comes after would hang by all the steps alone. A robot that stays in one place, however
+    long, has as many keyframes as there is place, and as scans broke off.
     """
 
     def __init__(self, step_sigma: tuple[float, float, float], recent: int = RECENT) -> None:
-        """step_sigma: (m, m, rad) of each step beside what its covariance says; recent: the last keyframes, which
-        are none of either kind. Raises ValueError where the last one is not among them."""
+        """step_sigma: (m, m, rad) of each step beside what its covariance says; recent: the last keyframes, all of
+        which are solved for. Raises ValueError where the last one is not among them."""
         if recent < 1:
             raise ValueError(f"recent must be 1 or more keyframes, not {recent}")
         self._spread, self._recent, self._steps = diagonal_of(step_sigma), recent, _Steps()
