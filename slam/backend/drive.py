@@ -11,7 +11,7 @@ from slam.backend.map_session import MapSession
 from slam.backend.second_look import SecondLook
 from slam.frontend.front_end import FrontEnd
 from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe
-from slam.frontend.loose_runs import smoothed
+from slam.frontend.loose_runs import smooth
 from slam.frontend.odometry_jumps import OdometryJumps
 from slam.frontend.strays import may_have_strayed
 from slam.frontend.told_steps import ToldStep, ToldSteps
@@ -58,6 +58,11 @@ class Drive:
         self.graph.looseness = Looseness(slam_map.keyframes, is_open)
         self.session = MapSession.after(slam_map, start, self.graph, self.closer, self.config)
         self.front_end.session = self.session.number
+        # the last ones, which the drive before still matched with
+        first = self.session.first
+        for k in range(max(first - 2 * self.config.front_end.window, 0), first):
+            if self._is_crowded(k, range(k + 1)):
+                self.graph.keep_place_alone(k)
 
     @property
     def own_steps(self) -> Sequence[FrontEndStep]:
@@ -111,7 +116,7 @@ class Drive:
 
     def is_crowded(self, index: int) -> bool:
         """Whether there are scans enough from about where a keyframe is."""
-        return self._is_crowded(index, len(self.graph))
+        return self._is_crowded(index, self.session.comparable or range(len(self.graph)))
 
     def thin_crowd(self, index: int) -> None:
         """Keeps no more than the place of a keyframe, where others saw enough of what it saw; not of one
@@ -126,20 +131,24 @@ class Drive:
     def look_again(self) -> None:
         """Keeps no more than the place of a keyframe of long ago, if others saw enough, where it has not strayed
         though it might have."""
-        graph = self.graph
-        k = self._second_look.next(graph.keyframes, graph.poses, self.told_to_keyframes)
-        if k is None or k >= self.session.asked_from or not graph.keyframes.has_scan(k):
-            return
-        # by those before it: what was seen first stays, however often it is seen again
-        if self._is_crowded(k, k + 1):
+        graph, told = self.graph, self.told_to_keyframes
+        k = self._second_look.next(graph.keyframes, graph.poses, told, self._is_needless)
+        if k is not None:
             self._keep_place_alone(k)
 
-    def _is_crowded(self, index: int, end: int) -> bool:
-        """By the scans of keyframes before one, of which it is known where they lie."""
-        comparable, config = self.session.comparable, self.config
-        first = 0 if comparable is None else comparable.start
+    def _is_needless(self, index: int) -> bool:
+        """Whether scans before it saw what a keyframe saw: what was seen first stays, however often it is seen
+        again."""
+        session = self.session
+        is_asked = session.first <= index < session.asked_from
+        if not (is_asked and self.graph.keyframes.has_scan(index)):
+            return False
+        return self._is_crowded(index, range(0 if session.is_joined else session.first, index + 1))
+
+    def _is_crowded(self, index: int, by: range) -> bool:
+        config = self.config
         near = config.crowd_m, config.crowd_rad
-        return self.graph.is_crowded(index, near, config.crowd, range(first, end))
+        return self.graph.is_crowded(index, near, config.crowd, by)
 
     def _keep_place_alone(self, index: int) -> None:
         self.graph.keep_place_alone(index)
@@ -152,10 +161,7 @@ class Drive:
         if remaining is None:
             return
         runs = front_end.loose_runs.settled(self.steps, session.first_step, remaining)
-        if runs:
-            self.steps = smoothed(
-                self.steps, runs, session.first_step, graph.keyframes, graph.poses
-            )
+        smooth(self.steps, runs, session.first_step, graph.keyframes, graph.poses)
         own = remaining.after(session.first)
         self.steps.renumber(remaining, graph.poses)
         graph.renumber(remaining)

@@ -40,6 +40,8 @@ class Looseness:
 
     def take(self, keyframe: Keyframe, is_open: bool) -> None:
         """The next keyframe."""
+        if keyframe.is_after_gap:  # the end of a run before it was let go
+            self._ways_m2 = [0.0]
         if self._count == len(self._sigmas_m):
             self._sigmas_m = lengthened(self._sigmas_m, max(16, self._count))
         way_m2 = self._ways_m2[-1] + place_sigma_m(keyframe.covariance) ** 2

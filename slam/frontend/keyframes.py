@@ -196,20 +196,22 @@ class FrontEndSteps(PackedRows[FrontEndStep]):
 
     def renumber(self, remaining: Remaining, poses: FloatArray) -> None:
         """Has scans that were seen from keyframes which are let go, at poses (K, 3), seen from those beside them."""
+        first_gone = int(np.argmin(remaining.is_kept))
         for rows in self._filled():
             keyframes = rows["keyframe"]
-            is_seen = keyframes >= 0
-            is_gone = is_seen.copy()
-            is_gone[is_seen] = ~remaining.is_kept[keyframes[is_seen]]
-            gone = keyframes[is_gone]
-            anchors = remaining.anchors[gone]
-            ways = np.stack([rows[name][is_gone] for name in _WAY], axis=1)
-            ways = composed(between(poses[anchors], poses[gone]), ways)
-            for name, values in zip(_WAY, ways.T, strict=True):
-                rows[name][is_gone] = values
-            rows["is_keyframe"][is_gone] = False
-            keyframes[is_gone] = anchors
-            keyframes[is_seen] = remaining.numbers[keyframes[is_seen]]
+            if keyframes.max(initial=-1) < first_gone:  # as most of a long drive
+                continue
+            is_gone = ~remaining.is_kept[keyframes] & (keyframes >= 0)
+            if is_gone.any():
+                gone = keyframes[is_gone]
+                anchors = remaining.anchors[gone]
+                ways = np.stack([rows[name][is_gone] for name in _WAY], axis=1)
+                ways = composed(between(poses[anchors], poses[gone]), ways)
+                for name, values in zip(_WAY, ways.T, strict=True):
+                    rows[name][is_gone] = values
+                rows["is_keyframe"][is_gone] = False
+                keyframes[is_gone] = anchors
+            keyframes[:] = np.where(keyframes < 0, keyframes, remaining.numbers[keyframes])
 
 
 Steps = TypeVar("Steps", list[FrontEndStep], FrontEndSteps)

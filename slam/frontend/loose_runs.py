@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from slam.arrays import FloatArray
-from slam.frontend.keyframes import FrontEndStep, Keyframe, Steps
+from slam.frontend.keyframes import FrontEndStep, FrontEndSteps, Keyframe, Steps
 from slam.frontend.remaining import Remaining
 from slam.kernels.normal_equations import inverse_of
 from slam.packed import PackedRows
@@ -139,6 +139,18 @@ def smoothed(
     """All steps, those of the runs of the last session, which begins with first_step, as the poses
     (K, 3) of keyframes show them that saw before and after."""
     moved = copy(steps)
+    smooth(moved, runs, first_step, keyframes, poses)
+    return moved
+
+
+def smooth(
+    steps: list[FrontEndStep] | FrontEndSteps,
+    runs: Sequence[LooseRun],
+    first_step: int,
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+) -> None:
+    """The same, in place."""
     for run in runs:
         first = first_step + run.first
         k, seen = steps[first].keyframe, steps[first + len(run.scans)]
@@ -149,5 +161,4 @@ def smoothed(
         T_before = keyframes[k].T_map_base
         T_before_seen = SE2.from_array(poses[k]).inverse() @ T_seen
         for at, T in enumerate(run.smoothed(T_before @ T_before_seen), start=first):
-            moved[at] = replace(steps[at], T_map_base=T, T_keyframe_base=T_before.inverse() @ T)
-    return moved
+            steps[at] = replace(steps[at], T_map_base=T, T_keyframe_base=T_before.inverse() @ T)

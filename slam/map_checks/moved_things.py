@@ -41,7 +41,8 @@ moved. Chosen."""
 def moved_things(slam_map: SlamMap, config: FrontEndConfig | None = None) -> list[str]:
     """In words, that what stands along a bare way is not where it was, and no loops tell what became of the robot."""
     config, offs_m = config or FrontEndConfig(), dict[tuple[int, int], float]()
-    for first, last in _open_stretches([step for step in slam_map.steps if step.is_keyframe]):
+    of_keyframes = [step for step in slam_map.steps if step.is_keyframe]
+    for first, last in _open_stretches(of_keyframes, slam_map.keyframes):
         ways_m = np.hypot(*np.diff(slam_map.poses[first - 1 : last + 1, :2], axis=0).T)
         if ways_m.sum() > _LONG_M:
             continue
@@ -65,13 +66,17 @@ def is_all_that_is_said(reasons: Sequence[str]) -> bool:
 def _beside(
     slam_map: SlamMap, first: int, last: int
 ) -> tuple[list[tuple[Keyframe, SE2]], list[tuple[Keyframe, SE2]]]:
-    """Keyframes before and after a stretch, and their poses: of its session, but for those of which no more than the place
-    is kept."""
+    """Keyframes before and after a stretch, and their poses: of its session and next to it, but for those of which no more
+    than the place is kept."""
     keyframes, session = slam_map.keyframes, slam_map.keyframes[first].session
+
+    def is_next(k: int, after: int) -> bool:
+        return keyframes[k].session == session and not keyframes[after].is_after_gap
+
     start, stop = first, last + 1
-    while start > max(first - _BEFORE, 0) and keyframes[start - 1].session == session:
+    while start > max(first - _BEFORE, 0) and is_next(start - 1, start):
         start -= 1
-    while stop < min(last + 1 + _AFTER, len(keyframes)) and keyframes[stop].session == session:
+    while stop < min(last + 1 + _AFTER, len(keyframes)) and is_next(stop, stop):
         stop += 1
     before, after = (
         [
@@ -84,12 +89,15 @@ def _beside(
     return before, after
 
 
-def _open_stretches(steps: Sequence[FrontEndStep]) -> list[tuple[int, int]]:
+def _open_stretches(
+    steps: Sequence[FrontEndStep], keyframes: Sequence[Keyframe]
+) -> list[tuple[int, int]]:
     """First and last of keyframes in a row whose scans leave open how far the robot went to them; not the first
-    of a session."""
+    of a session, and none past others that were let go. steps: of the keyframes."""
     stretches: list[tuple[int, int]] = []
     for before, step in pairwise(steps):
-        if step.is_open and step.session == before.session:
+        is_next = step.session == before.session and not keyframes[step.keyframe].is_after_gap
+        if step.is_open and is_next:
             goes_on = bool(stretches) and stretches[-1][1] == before.keyframe
             first = stretches.pop()[0] if goes_on else step.keyframe
             stretches.append((first, step.keyframe))

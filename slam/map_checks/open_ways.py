@@ -85,8 +85,8 @@ def _longer(
 
 def _told(slam_map: SlamMap, front_end: FrontEnd) -> list[Keyframe]:
     """The keyframes, as sure as can be of each step of the last session but those of which the scan
-    does not tell how far it went, or hardly. One that wheels contradicted, and which is less sure for
-    that than the front end was, tells all the same."""
+    does not tell how far it went, or hardly, and those past others that were let go. One that wheels
+    contradicted, and which is less sure for that than the front end was, tells all the same."""
     session = slam_map.session_count - 1
     is_open = {
         step.keyframe
@@ -97,11 +97,15 @@ def _told(slam_map: SlamMap, front_end: FrontEnd) -> list[Keyframe]:
     is_open |= {
         k
         for k, keyframe in enumerate(slam_map.keyframes[first + 1 :], start=first + 1)
-        if keyframe.goes_on  # what is known over breaks, loops say
-        and min(place_sigma_m(one.covariance) for one in (keyframe, front_end.keyframes[k - first]))
-        > math.sqrt(_LITTLE_TOLD) * place_sigma_m(keyframe.told.covariance)
+        if (
+            not keyframe.is_break  # what is known over these, loops say
+            and min(
+                place_sigma_m(one.covariance) for one in (keyframe, front_end.keyframes[k - first])
+            )
+            > math.sqrt(_LITTLE_TOLD) * place_sigma_m(keyframe.told.covariance)
+        )
+        or keyframe.is_after_gap
     }
-    is_open |= {k for k, keyframe in enumerate(slam_map.keyframes) if keyframe.is_after_gap}
     # what the scan itself tells of the way to these, their ties say
     is_open |= {loop.later for loop in (*slam_map.loops, *slam_map.rejected) if loop.is_tie}
     return [

@@ -95,7 +95,8 @@ def put_on_the_way(
                 replace(one, covariance=noise * one.covariance)
                 for one in told[k - 1 - first : k + run + 1 - first]
             ]
-            is_broken = not all(keyframes[at].goes_on for at in range(k, k + run))
+            is_broken = any(keyframes[at].is_break for at in range(k, k + run))
+            is_broken |= any(keyframes[at].is_after_gap for at in range(k - 1, k + run + 1))
             later = slice(k + run - first + 1, k + run - first + 1 + _LATER)
             is_late = _disagree(moved[k + run : k + run + 1 + _LATER], told[later])
             near = slice(k - 2, k + run + 1)

@@ -83,7 +83,7 @@ def borne_out(
         for before, after in _BESIDE:
             low, high = max(start - before, first + 1), min(end + after, len(keyframes) - 1)
             run = range(low, high + 1)
-            if any(keyframes[k].is_break or told[k - first].is_guess for k in run):
+            if any(not keyframes[k].goes_on or told[k - first].is_guess for k in run):
                 continue
             steps = [
                 replace(told[k - first], covariance=noise * told[k - first].covariance) for k in run
@@ -135,7 +135,7 @@ def showing(keyframes: Sequence[Keyframe], told: Sequence[ToldStep]) -> list[int
     return [
         k
         for k in range(first + 1, len(keyframes))
-        if place_sigma_m(keyframes[k].covariance) < _SURE_M and not keyframes[k].is_break
+        if place_sigma_m(keyframes[k].covariance) < _SURE_M and keyframes[k].goes_on
         if not told[k - first].is_guess
     ]
 
@@ -144,8 +144,8 @@ def _loose(keyframes: Sequence[Keyframe], first: int) -> Iterator[tuple[int, int
     """The first and last of steps one after the other of which scans hardly tell how far they went."""
     start = None
     for k in range(first + 1, len(keyframes)):
-        # nobody knows the way over a break
-        is_loose = place_sigma_m(keyframes[k].covariance) > GUESS_M and not keyframes[k].is_break
+        # nobody knows the way over a break, and many scans tell it over a gap
+        is_loose = place_sigma_m(keyframes[k].covariance) > GUESS_M and keyframes[k].goes_on
         if is_loose and start is None:
             start = k
         if not is_loose and start is not None:
