@@ -43,7 +43,7 @@ class Looseness:
         if keyframe.is_after_gap:  # the end of a run before it was let go
             self._ways_m2 = [0.0]
         if self._count == len(self._sigmas_m):
-            self._sigmas_m = lengthened(self._sigmas_m, max(16, self._count))
+            self._sigmas_m = lengthened(self._sigmas_m, self._count)
         way_m2 = self._ways_m2[-1] + place_sigma_m(keyframe.covariance) ** 2
         if is_open:  # until one tells it from the other end
             self._ways_m2.append(way_m2)

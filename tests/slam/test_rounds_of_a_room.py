@@ -172,6 +172,39 @@ def elsewhere() -> SlamMap:
     return driven(ring.drive(poses, np.random.default_rng(1), 1.0, 1.0, ELSEWHERE), FEW).finish()
 
 
+def test_whatever_names_a_keyframe_names_the_same_one_when_others_are_gone(rounds):
+    mapper = driven(rounds[: 4 * SCANS], FEW)
+    drive, keyframes = mapper._drive, mapper.keyframes
+    # of the last round, whose keyframes are let go soon, one way in eight that nobody measured
+    ends = range(len(keyframes) - 40, len(keyframes) - 5, 8)
+    stretch = drive.monitor._open
+    drive.monitor._long = [replace(stretch, first=one, last=other) for one, other in pairwise(ends)]
+    said = np.eye(3), np.zeros((3, 3))
+    drive.weak_steps._said.update(dict.fromkeys((3, ends[1], ends[3]), said))
+    drive.closer.doubted = drive.weak_steps._said.keys()
+    drive.breaks._said = dict.fromkeys((5, ends[2]), said)
+    drive.session._check_at = len(keyframes) + 200
+
+    def named() -> list[list[float]]:
+        long = drive.monitor._long
+        numbers = (
+            [one.first for one in long], [one.last for one in long],
+            drive.weak_steps._said, drive.closer.doubted, drive.breaks._said,
+        )  # fmt: skip
+        return [[keyframes[k].time_s for k in ks] for ks in numbers]
+
+    before, count, left = named(), len(keyframes), drive.session._check_at - len(keyframes)
+    drive.session.check = lambda: None  # type: ignore[method-assign]
+    taken, add = [], drive.graph.add
+    drive.graph.add = lambda *args: taken.append(args) or add(*args)  # type: ignore[method-assign]
+    for one in rounds[4 * SCANS :]:
+        mapper.update(one)
+    assert len(keyframes) < count + len(taken) - 60
+    assert named() == before
+    # so many more that are to come
+    assert drive.session._check_at - len(keyframes) == left - len(taken)
+
+
 @pytest.mark.parametrize("start", [None, SE2(3.0, 0.0, 1.0)])
 def test_session_that_is_never_joined_grows_with_the_room_too(elsewhere, rounds, start):
     mapper = Mapper.continued(elsewhere, ring.T_BASE_LASER, start, FEW)
@@ -221,7 +254,7 @@ def test_search_that_was_begun_when_keyframes_were_let_go_is_begun_anew(elsewher
     assert mapper.finish().unjoined == (1,)
 
 
-@pytest.mark.parametrize("blind", [4, 8])
+@pytest.mark.parametrize("blind", [8, 12])
 def test_scans_that_tell_nothing_lie_where_wheels_led_between_those_that_do(rounds, blind):
     hidden = rounds
     for first in range(20, len(rounds), SCANS):
@@ -230,7 +263,8 @@ def test_scans_that_tell_nothing_lie_where_wheels_led_between_those_that_do(roun
     assert any(one.is_after_gap for one in mapper.keyframes)
     settled = len(mapper._drive.front_end.loose_runs.ended)
     assert settled < len(rounds) // SCANS
-    assert off_m(mapper.finish(), way(ROUNDS)) < 0.05
+    # 0.03 and 0.06 m where those of keyframes that are let go lie as the wheels alone led
+    assert off_m(mapper.finish(), way(ROUNDS)) < 0.015
 
 
 @pytest.mark.parametrize("is_told", [True, False])

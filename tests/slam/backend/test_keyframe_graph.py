@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from slam.backend.keyframe_graph import KeyframeGraph
 from slam.beams import Beams
 from slam.frontend.keyframes import Keyframe
+from slam.frontend.remaining import Remaining
+from slam.frontend.told_steps import ToldStep
 from slam.loop_closing import Loop
 from slam.se2 import SE2
 
@@ -89,3 +92,43 @@ def test_wheels_that_tell_of_kilometres_at_each_scan_are_solved_for_as_far_as_ca
     loops = [loop(k, k + 3, SE2(0.0, 50.0 * k, 0.0)) for k in range(5)]
     graph.renew(graph.keyframes, loops, graph.poses)
     assert np.isfinite(graph.solve().poses).all()
+
+
+def test_ways_past_keyframes_that_are_gone_are_as_unsure_as_over_a_break():
+    graph = driven([SE2(1.0, 0.0, 0.0)] * 9, breaks=(2,))
+    kept = ~np.isin(np.arange(10), (4, 5))
+    way = ToldStep(SE2(3.0, 0.0, 0.0), 0.1 * np.eye(3))
+    graph.renumber(Remaining(kept, np.where(kept, np.arange(10), 3), {6: way}))
+    # after the break one torn metre, after the gap one more
+    expected = [0.0, 1.0, 102.0, 103.0, 206.0, 207.0, 208.0, 209.0]
+    assert graph.ways_m(0) == pytest.approx(expected)
+    graph.add(keyframe(SE2(1.0, 0.0, 0.0)))
+    assert graph.ways_m(0) == pytest.approx([*expected, 210.0])
+    # the same of a graph that is made of these keyframes anew
+    anew = KeyframeGraph(STEP_SIGMA)
+    anew.renew(graph.keyframes, [], graph.poses)
+    assert anew.ways_m(0) == pytest.approx([*expected, 210.0])
+
+
+def test_loops_are_counted_of_those_that_remain():
+    graph = driven([SE2(1.0, 0.0, 0.0)] * 9)
+    ties = [replace(loop(*ends, SE2(2.0, 0.0, 0.0)), is_tie=True) for ends in ((1, 3), (5, 7))]
+    graph.take([loop(0, 9, SE2(9.0, 0.0, 0.0)), *ties, loop(2, 5, SE2(3.0, 0.0, 0.0))])
+    assert graph.loop_count == 2
+    kept = np.arange(10) != 5
+    way = ToldStep(SE2(2.0, 0.0, 0.0), 0.1 * np.eye(3))
+    graph.renumber(Remaining(kept, np.where(kept, np.arange(10), 4), {6: way}))
+    assert (len(graph.loops), graph.loop_count) == (2, 1)
+    assert graph.sorted_loops() == (graph.loops, [])
+    assert graph.ways_m(8)[0] == pytest.approx(9.0)
+
+
+def test_keyframes_of_an_open_run_that_has_not_ended_stay():
+    graph = KeyframeGraph(STEP_SIGMA, 12)
+    for k in range(60):
+        graph.add(keyframe(SE2(0.3, 0.0, 0.0)), is_open=k > 30)
+    remaining = graph.remaining((7,))
+    assert remaining is not None
+    assert remaining.is_kept[30:].all()
+    assert remaining.is_kept[7]
+    assert remaining.is_kept[8:30].sum() < 10

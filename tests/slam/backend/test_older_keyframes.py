@@ -211,7 +211,6 @@ def test_graph_of_those_that_remain_is_the_one_made_of_them_anew():
         older.take(one)
     ends = np.array([(one.earlier, one.later) for one in graph.loops])
     remaining = older.remaining(graph.poses, ends, ())
-    held = graph.ways_m(0)
     graph.renumber(remaining)
     anew = graph_of(graph.keyframes, graph.loops, graph.poses, STEP_SIGMA)
     assert graph._graph.edge_count == anew.edge_count
@@ -220,12 +219,8 @@ def test_graph_of_those_that_remain_is_the_one_made_of_them_anew():
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
     of_loops = graph._graph.ends[graph._loop_edges].tolist()
     assert of_loops == [[one.earlier, one.later] for one in graph.loops]
-    # a way past those that are gone is as unsure as one over a break
     after_gap = [k for k, one in enumerate(graph.keyframes) if one.is_after_gap]
     assert after_gap == sorted(map(remaining.number, remaining.ways))
-    assert graph.ways_m(0)[after_gap[0] - 1] == pytest.approx(
-        held[remaining.kept[after_gap[0] - 1]]
-    )
 
 
 def test_scans_are_seen_from_who_is_near():
@@ -253,6 +248,21 @@ def test_scans_are_seen_from_who_is_near():
     assert anchors.min() >= 240
     assert remaining.is_kept[anchors].all()
     assert np.hypot(*(poses[anchors] - poses[gone])[:, :2].T).max() < 2.0
+
+
+def test_both_sides_of_a_break_stay_however_often_others_go():
+    found, none = older(160), np.empty((0, 2), np.int64)
+    found.take(replace(keyframe(SE2(0.3, 0.0, 0.0), is_kept=False), is_break=True))
+    for _ in range(3):
+        for _ in range(80):
+            found.take(keyframe(SE2(0.3, 0.0, 0.0), is_kept=False))
+        count = len(found._steps)
+        remaining = found.remaining(np.zeros((count, 3)), none, ())
+        assert remaining is not None
+        found.renumber(remaining)
+        (before, after) = found._at_breaks
+        assert (before, after) == (80, 81)
+        assert found.solved_for(none)[[before, after]].all()
 
 
 def test_too_few_are_not_let_go_of():

@@ -1,11 +1,13 @@
 """Keyframes that are let go: what is known of the others, under their numbers then."""
 
 import copy
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from slam.backend.looseness import Looseness
 from slam.frontend.kept_keyframes import Keyframes
 from slam.frontend.keyframes import (
     FrontEndStep,
@@ -17,10 +19,14 @@ from slam.frontend.keyframes import (
 from slam.frontend.loose_runs import LooseRun, LooseRuns, LooseScan, LooseScans
 from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
-from slam.loop_closing import Loop, renumbered
+from slam.loop_closing import Loop, LoopCloser, renumbered
+from slam.map_checks.breaks_borne_out import BreaksBorneOut
 from slam.map_checks.drive_monitor import DriveMonitor
+from slam.map_checks.weak_steps import WeakSteps
+from slam.mapping import Mapper
 from slam.measurements import LaserScan, Measurement
 from slam.se2 import SE2
+from tests.slam import ring
 from tests.slam.frontend.test_kept_keyframes import keyframe, told
 
 GONE = 2, 3, 5
@@ -134,3 +140,65 @@ def test_stretches_that_nobody_measured_go_with_the_keyframes_at_their_ends():
     monitor.objections(steps, lambda *ends: asked.append(ends) or 1.0)
     assert asked == [(2, 3)]
     assert monitor.keyframes >= {2, 3, 4}
+
+
+def test_front_end_goes_on_as_if_those_that_are_gone_had_never_been():
+    mapper = Mapper(ring.T_BASE_LASER)
+    measurements = ring.drive(ring.way(0.3), np.random.default_rng(0))
+    for one in measurements[:60]:
+        mapper.update(one)
+    front_end = mapper._drive.front_end
+    count = len(front_end.keyframes)
+    is_kept = ~np.isin(np.arange(count), [3, 4])
+    remaining = Remaining(is_kept, np.where(is_kept, np.arange(count), 2), {5: WAY})
+    times_s = [one.time_s for one in front_end.keyframes]
+    slopes = front_end.scaled_steps.columns("slope_x", "slope_y", "slope_rad")
+    glances = list(front_end.glances)
+    assert np.abs(slopes[5]).max() > 0.01
+    front_end._open_run._first = 8
+    front_end.ties = [Loop(2, count - 3, SE2.identity(), np.eye(3), 1.0, 0.0, is_tie=True)]
+    front_end.renumber(remaining)
+    kept = remaining.kept
+    assert [one.time_s for one in front_end.keyframes] == [times_s[k] for k in kept]
+    assert front_end.glances == [glances[k] for k in kept]
+    found = front_end.scaled_steps.columns("slope_x", "slope_y", "slope_rad")
+    # the way past others is no longer by the wheels' scale
+    slopes[5] = 0.0
+    assert np.array_equal(found, slopes[kept])
+    assert front_end._open_run.before == 5
+    # a tie of the keyframe that has the number of the last one now is none of that
+    assert front_end.ties == []
+
+
+def test_run_of_loose_keyframes_does_not_go_on_past_a_gap():
+    keyframes = [replace(keyframe(k), covariance=0.01 * np.eye(3)) for k in range(8)]
+    looseness = Looseness(keyframes, (1, 4, 6))
+    sigmas_m = looseness.sigmas_m
+    looseness.renumber(REMAINING)
+    assert np.array_equal(looseness.sigmas_m, sigmas_m[REMAINING.kept])
+    assert looseness.open_count == 0
+    for k in range(20):
+        looseness.take(keyframes[7], is_open=k > 17)
+    assert looseness.open_count == 2
+    assert np.array_equal(looseness.sigmas_m[:5], sigmas_m[REMAINING.kept])
+    # read from a map, where the end of a run is gone
+    torn = [replace(one, is_after_gap=k == 3) for k, one in enumerate(keyframes)]
+    found = Looseness(torn, (1, 2, 3, 4)).sigmas_m
+    assert found[3:5] == pytest.approx(Looseness(keyframes[2:], (1, 2)).sigmas_m[1:3])
+    assert found[1:3] == pytest.approx([0.1, 0.1 * math.sqrt(2.0)])
+
+
+def test_keyframes_whose_steps_were_loosened_are_the_same_ones():
+    weak, breaks, closer = WeakSteps(), BreaksBorneOut((0.5, 0.5, 0.2)), LoopCloser()
+    said = np.eye(3), np.zeros((3, 3))
+    weak._said.update(dict.fromkeys((2, 4, 6), said))
+    closer.doubted = weak._said.keys()
+    breaks._said = dict.fromkeys((1, 5), said)
+    breaks.let_go = [Loop(*ends, SE2.identity(), np.eye(3), 1.0, 0.0) for ends in ((0, 6), (1, 5))]
+    weak.renumber(REMAINING)
+    breaks.renumber(REMAINING)
+    assert weak._said.keys() == {2, 3}
+    # whoever closes loops knows of them as well
+    assert closer.doubted == {2, 3}
+    assert breaks._said.keys() == {1}
+    assert [(one.earlier, one.later) for one in breaks.let_go] == [(0, 3)]

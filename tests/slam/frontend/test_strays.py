@@ -16,12 +16,14 @@ from slam.frontend.strays import (
     ToldStep,
     may_have_strayed,
     standing_on_way,
+    surfaces_beside,
     without_strays,
 )
 from slam.map_checks.there_and_back import put_strays_back
 from slam.mapping import Mapper
 from slam.se2 import SE2
 from slam.slam_map import SlamMap
+from slam.surface.surface_map import SurfaceMap
 from tests.slam import ring
 from tests.slam.synthetic import box, room, scan_of
 
@@ -95,6 +97,19 @@ def test_where_those_next_to_it_were_let_go_nobody_knows_the_way(slam_map, gap):
     torn, told = list(slam_map.keyframes), told_by(slam_map.keyframes, SURE)
     torn[gap] = replace(torn[gap], is_after_gap=True)
     assert without_strays(torn, [], pushed(slam_map, AT), told)[3] == []
+
+
+@pytest.mark.parametrize(("gaps", "count"), [((), 10), ((8, 14), 5)])
+def test_surfaces_beside_a_keyframe_are_those_up_to_a_gap(slam_map, gaps, count):
+    added = list[np.ndarray]()
+
+    class Noted(SurfaceMap):
+        def add(self, points: np.ndarray) -> None:
+            added.append(points)
+
+    torn = [replace(one, is_after_gap=k in gaps) for k, one in enumerate(slam_map.keyframes)]
+    surfaces_beside(Noted(), torn, slam_map.poses, (10, 12), StrayConfig(half=5))
+    assert len(added) == count
 
 
 def test_map_without_strays_stays_as_it_is(slam_map):

@@ -72,6 +72,13 @@ def test_scans_of_keyframes_that_did_not_move_stay_as_they_are():
     assert with_followers_left(steps, FIRST, told_by(GUESS), poses, {3: DRAWN, 4: DRAWN}) == steps
 
 
+def test_scans_that_are_seen_from_others_than_the_keyframe_before_stay_as_they_are():
+    steps, poses = drive()
+    for at in RIGHT:  # as if their own keyframe was let go
+        steps[FIRST + at] = replace(steps[FIRST + at], keyframe=4)
+    assert with_followers_left(steps, FIRST, told_by(SURE), poses, {2: DRAWN, 3: DRAWN}) == steps
+
+
 def by_scans_alone() -> Mapper:
     """Half of the ring."""
     mapper = Mapper(ring.T_BASE_LASER)

@@ -185,6 +185,15 @@ def test_over_a_break_nobody_knows_the_way():
     assert not drive.is_put_back()
 
 
+def test_scan_that_is_seen_from_another_than_the_keyframe_before_is_left_where_it_is():
+    drive = Drive({AT: DRAWN})
+    k, step = AT // 2, drive.steps[FIRST + AT]
+    way_ = SE2.from_array(drive.poses[k + 1]).between(step.placed(drive.poses))
+    drive.steps[FIRST + AT] = replace(step, keyframe=k + 1, T_keyframe_base=way_)
+    assert drive.has_jumped()
+    assert not drive.is_put_back()
+
+
 def test_scan_that_nothing_placed_is_left_where_it_is():
     drive = Drive()
     drive.steps[FIRST + AT] = replace(drive.steps[FIRST + AT], status=StepStatus.CARRIED)

@@ -2,10 +2,13 @@
 elsewhere."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from slam.frontend.told_steps import ToldStep
+from slam.map_checks.open_ways import _told
 from slam.mapping import Mapper
 from slam.measurements import Measurement
 from slam.metrics import absolute_errors
@@ -91,3 +94,18 @@ def test_scans_that_tell_hardly_how_far_the_robot_went_are_not_taken_for_sure(de
     assert slam_map.verdict.is_good is is_good, (off_m, slam_map.verdict.reasons)
     # nearly all of it is matched, and leaves nothing open
     assert np.mean([step.is_open for step in slam_map.steps]) < 0.1
+
+
+def test_way_past_keyframes_that_were_let_go_is_as_unsure_as_it_is():
+    mapper = Mapper(SE2.identity())
+    rng = np.random.default_rng(3)
+    for k, x in enumerate(np.arange(1.0, 6.0, 0.25)):
+        scan = scan_of(WALLS, SE2(x, 0.0, 0.0), rng, 0.01, range_max_m=8.0)
+        motion = SE2(0.25 if k else 0.0, 0.0, 0.0)
+        mapper.update(Measurement(0.5 * k, motion, scan, 1e-4 * np.eye(3)))
+    slam_map = mapper.finish()
+    way = ToldStep(SE2(3.0, 0.0, 0.0), 0.5 * np.eye(3))
+    gap = slam_map.keyframes[5].after_gap(way)
+    keyframes = (*slam_map.keyframes[:5], gap, *slam_map.keyframes[6:])
+    found = _told(replace(slam_map, keyframes=keyframes), mapper._drive.front_end)
+    assert np.array_equal(found[5].covariance, way.covariance)
