@@ -132,3 +132,6 @@ def test_keyframes_of_an_open_run_that_has_not_ended_stay():
     assert remaining.is_kept[30:].all()
     assert remaining.is_kept[7]
     assert remaining.is_kept[8:30].sum() < 10
+    sigmas_m = graph.looseness.sigmas_m
+    graph.renumber(remaining)
+    assert np.array_equal(graph.looseness.sigmas_m, sigmas_m[remaining.kept])
