@@ -11,6 +11,7 @@ from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.frontend.keyframes import StepStatus
 from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
+from slam.loop_closing import Loop
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
 from slam.measurements import Measurement
@@ -238,8 +239,12 @@ def test_search_that_was_begun_when_keyframes_were_let_go_is_begun_anew(elsewher
     while joiner._task is None or len(mapper.keyframes) < len(elsewhere.keyframes) + 20:
         mapper.update(next(measurements))
     next_, count = joiner._next, len(mapper.keyframes)
+    gone = 3, 4, mapper._drive.session.first + 1
+    joiner._backlog = [gone[2], count - 3, count - 2]
+    way = SE2.identity(), np.eye(3), 1.0, 0.0
+    joiner._loops = [Loop(k, count - 2, *way) for k in (2, 3, 5)]
     graph = mapper._drive.graph
-    is_kept = ~np.isin(np.arange(count), [3, 4, session.first + 1])
+    is_kept = ~np.isin(np.arange(count), gone)
     step = ToldStep(SE2(0.6, 0.0, 0.0), 0.01 * np.eye(3))
     ways = {5: step, session.first + 2: step}
     remaining = Remaining(is_kept, np.where(is_kept, np.arange(count), 2), ways)
@@ -249,6 +254,9 @@ def test_search_that_was_begun_when_keyframes_were_let_go_is_begun_anew(elsewher
     session.renumber(remaining)
     assert (joiner._task, joiner._next) == (None, next_ - 1 - 3)
     assert joiner._first == session.first == len(elsewhere.keyframes) - 2
+    assert joiner._backlog == [count - 6, count - 5]
+    assert [(one.earlier, one.later) for one in joiner._loops] == [(2, count - 5), (3, count - 5)]
+    joiner._backlog, joiner._loops = [], []
     for one in measurements:
         mapper.update(one)
     assert mapper.finish().unjoined == (1,)

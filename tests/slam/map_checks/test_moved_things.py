@@ -77,6 +77,7 @@ def said(
     is_kept: bool = True,
     session_from: int = 0,
     break_at: int | None = None,
+    gap_at: int | None = None,
     loop: tuple[int, int, float] | None = None,
     seed: int = 1,
 ) -> list[str]:
@@ -91,6 +92,7 @@ def said(
         replace(
             kept(there, SE2(x, 0.0, 0.0), rng), time_s=float(k), session=int(k >= session_from),
             T_before=SE2(ways_m[k], 0.0, 0.0), covariance=1e-4 * np.eye(3), is_break=k == break_at,
+            is_after_gap=k == gap_at,
         )
         for k, (x, there, _) in enumerate(seen)
     ]  # fmt: skip
@@ -124,6 +126,7 @@ def test_what_stands_off_after_a_stretch_is_told_with_when_and_how_far(off_m):
     "of",
     [
         {"session_from": 6},
+        {"gap_at": 6},
         {"break_at": 7},
         {"break_at": 12},
         {"loop": (2, 14, 0.3)},
@@ -149,6 +152,9 @@ SMALL = np.concatenate([ONE_PILLAR, box(9.9, -1.0, 10.3, -0.4)])
         {"off_m": 0.1},
         {"session_from": 7},  # too few before it of its session
         {"session_from": 9},  # which begins with it
+        {"gap_at": 7},  # too few before it, next to it
+        {"gap_at": 12},  # and after it
+        {"gap_at": 10},  # past others that were let go, of which nobody knows what they left open
         {"loop": (2, 14, 0.1)},  # that tells where the robot went: somebody moved it
         {"before_m": BEFORE_M[-2:]},
         {"after_m": AFTER_M[:2]},

@@ -16,6 +16,7 @@ from slam.loop_closing import Loop
 from slam.map_checks.wheels_borne_out import (
     believe_where_borne_out,
     borne_out,
+    showing,
     shown_noise,
     told_to_keyframes,
 )
@@ -100,6 +101,10 @@ def test_nobody_knows_the_way_over_a_break():
     keyframes, true = drive(SLID)
     keyframes[17] = replace(keyframes[17], is_break=True)
     assert borne_out(keyframes, solved(keyframes, true, *ROUND), told()) == {}
+    # nor past others that were let go
+    keyframes[17] = replace(keyframes[17], is_break=False, is_after_gap=True)
+    assert borne_out(keyframes, solved(keyframes, true, *ROUND), told()) == {}
+    assert 17 not in showing(keyframes, told())
     # where loops show what was before it, that is another matter
     keyframes, true = drive(SLID)
     keyframes[20] = replace(keyframes[20], covariance=OPEN, is_break=True)
