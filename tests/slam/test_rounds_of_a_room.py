@@ -11,6 +11,7 @@ from slam.files.slam_map_files import read_slam_map, write_slam_map
 from slam.frontend.keyframes import StepStatus
 from slam.frontend.remaining import Remaining
 from slam.frontend.told_steps import ToldStep
+from slam.in_steps import all_at_once
 from slam.loop_closing import Loop
 from slam.mapper_config import MapperConfig
 from slam.mapping import Mapper
@@ -118,6 +119,9 @@ def test_map_with_gaps_is_kept_and_continued(slam_map, tmp_path):
     assert path.read_bytes() == (tmp_path / "again.kitasap").read_bytes()
     poses = way(4)[30:]
     mapper = Mapper.continued(known, ring.T_BASE_LASER, poses[0], FEW)
+    # the last scans, which its own drive still matched with: else each session leaves as many
+    left = sum(not one.is_place_alone for one in known.keyframes)
+    assert sum(not one.is_place_alone for one in mapper.keyframes) <= left - 5
     steps = [mapper.update(one) for one in drive(poses, 7)]
     assert steps[-1].is_joined
     # of those of both sessions
@@ -260,6 +264,28 @@ def test_search_that_was_begun_when_keyframes_were_let_go_is_begun_anew(elsewher
     for one in measurements:
         mapper.update(one)
     assert mapper.finish().unjoined == (1,)
+
+
+def test_scans_that_may_show_where_a_session_lies_are_kept_until_they_are_looked_at(
+    elsewhere, rounds, monkeypatch
+):
+    mapper = Mapper.continued(elsewhere, ring.T_BASE_LASER, None, FEW)
+    for one in rounds[: 2 * SCANS]:
+        mapper.update(one)
+    drive, joiner = mapper._drive, mapper._drive.session._joiner
+    joiner._next, joiner._backlog = len(drive.graph) - 20, []
+    monkeypatch.setattr("slam.backend.drive.may_have_strayed", lambda *_: False)
+    monkeypatch.setattr(type(drive), "_is_crowded", lambda *_: True)
+    first = drive.session.asked_from
+    assert first < joiner._next - 5
+    for k in (first, first - 1):
+        assert drive._is_needless(k) is (k < first)
+        drive.thin_crowd(k)
+        assert drive.graph.keyframes.has_scan(k) is (k == first)
+    # of one that is gone there is nothing to look at
+    looks = joiner._looks
+    assert all_at_once(joiner._looked_at(first - 1)) is None
+    assert joiner._looks == looks
 
 
 @pytest.mark.parametrize("blind", [8, 12])
