@@ -183,9 +183,8 @@ class SessionJoiner:
     def _looked_at(self, index: int) -> Steps[Join | None]:
         """What one keyframe adds, a piece at a time."""
         config = self.config
-        if not has_scan(
-            self._keyframes, index
-        ):  # thinned out while the session seemed to be joined
+        # thinned out while the session seemed to be joined
+        if not has_scan(self._keyframes, index):
             return None
         if self._place is None:
             place, is_sure = yield from self._searched(index)
