@@ -126,7 +126,8 @@ class KeyframeGraph:
             return None
         # those of a run that leaves the way open may be moved as long as it has not ended
         open_run = range(max(len(self) - 1 - self.looseness.open_count, 0), len(self))
-        return self._older.remaining(self.poses, _ends_of(self.loops), {*needed, *open_run})
+        # by the loops that are believed: others hold nothing
+        return self._older.remaining(self.poses, self._held_ends, {*needed, *open_run})
 
     def renumber(self, remaining: Remaining) -> None:
         """Lets go of keyframes that do not remain, and of their loops."""

@@ -135,3 +135,16 @@ def test_keyframes_of_an_open_run_that_has_not_ended_stay():
     sigmas_m = graph.looseness.sigmas_m
     graph.renumber(remaining)
     assert np.array_equal(graph.looseness.sigmas_m, sigmas_m[remaining.kept])
+
+
+def test_loop_that_others_deny_holds_nobody():
+    graph = KeyframeGraph(STEP_SIGMA, 12)
+    for _ in range(60):
+        graph.add(keyframe(SE2(0.3, 0.0, 0.0)))
+    right = [loop(0, later, SE2(0.3 * later, 0.0, 0.0)) for later in (21, 25)]
+    graph.take([*right, loop(5, 41, SE2(1.0, 3.0, 0.0))])
+    graph.solve()
+    remaining = graph.remaining(())
+    assert remaining is not None
+    assert remaining.is_kept[25]
+    assert not remaining.is_kept[41]
