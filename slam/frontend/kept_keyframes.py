@@ -70,7 +70,11 @@ class Keyframes(MadeWhenAsked[Keyframe]):
         return self._places[thing] if isinstance(thing, int) else thing
 
     def __setitem__(self, at: int, keyframe: Keyframe) -> None:
-        self._things[at] = keyframe
+        thing = self._things[at]
+        if isinstance(thing, int) and keyframe.is_place_alone:
+            self._places[thing] = keyframe
+        else:
+            self._things[at] = keyframe
 
     def append(self, keyframe: Keyframe) -> None:
         """One more."""
@@ -91,11 +95,7 @@ class Keyframes(MadeWhenAsked[Keyframe]):
         self._things = [next(numbers) if isinstance(one, int) else one for one in things]
         for k, way in remaining.ways.items():
             at = remaining.number(k)
-            keyframe, thing = self._one(at).after_gap(way), self._things[at]
-            if isinstance(thing, int):
-                self._places[thing] = keyframe
-            else:
-                self._things[at] = keyframe
+            self[at] = self._one(at).after_gap(way)
 
     def has_scan(self, at: int) -> bool:
         """Whether more than the place of one is kept."""
